@@ -71,7 +71,7 @@ COMPRESSION = 7
 """Of zlib: 9 takes five times as long for 3 % less."""
 
 MOST_ADDED = 0.2
-"""Part of a page's other content up to which the volume's values are always in it."""
+"""Part of a page's size up to which the volume's values are always in it."""
 
 MATCAP_SIDE = 96
 """Side in pixels of the MatCaps of a page."""
@@ -163,15 +163,14 @@ def html_of(
     packed += grids
     arrays = base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in packed), COMPRESSION)).decode()
     told, content = values_of(scene)
-    values = base64.b64encode(content).decode()
-    added = len(values) / (len(arrays) + sum(map(len, stills.values())))
-    kept = options.values or added <= MOST_ADDED
-    header["values"] = told if kept else [None] * len(told)
+    values, words = base64.b64encode(content).decode(), in_words(scene)
+    header["values"] = [None] * len(told)
     header["units"] = {"length": options.unit or "", "value": options.value_unit or ""}
+    page = _page(header, arrays, stills, title, words)
     if values:
-        size = f"{len(values) / 1e6:.2g} MB"
+        size, kept = f"{len(values) / 1e6:.2g} MB", options.values or len(values) <= MOST_ADDED * len(page)
         tell(f"the volume's values are {size} of it" if kept else f"the volume's values would add {size} (--values)")
-    page = _page(header, arrays, stills, title, in_words(scene), values if kept else "")
+        page = _page(header | {"values": told}, arrays, stills, title, words, values) if kept else page
     progress(1.0, "")
     return page
 

@@ -44,6 +44,7 @@ def matcap_colours(normal: Tensor, facing: Tensor, up: Tensor, picture: Tensor) 
     middle. ``facing``: unit vectors towards the viewer (S, 3); ``up``: the camera's axis (3,); ``picture``: sRGB, row 0
     at the top (H, W, 3).
 
+    >>> import torch
     >>> picture = torch.rand(9, 9, 3)
     >>> front = torch.tensor([[0.0, 0.0, 1.0]])
     >>> bool(torch.allclose(matcap_colours(front, front, torch.tensor([0.0, 1.0, 0.0]), picture)[0], picture[4, 4]))

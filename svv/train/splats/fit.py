@@ -86,7 +86,7 @@ def fit_splats(scene: Scene, options: SplatOptions = SplatOptions(), progress: P
     part(progress, 0.1, 0.12)(0.0, "placing splats")
     degree = None if options.degree == "auto" else int(options.degree)
     fit = Fit(*splats_at(seen, max(1, round(BEGIN * options.count)), degree))
-    cameras = cameras_around(*ball_around(seen), VIEWS, PIXELS)
+    cameras = cameras_around(*ball_around(seen), max(3, min(VIEWS, options.steps)), PIXELS)
     eyes = [Eye.of(camera, seen.origin, seen.size) for camera in cameras]
     pictures = []
     for number, camera in enumerate(cameras):
@@ -272,8 +272,8 @@ def loss_of(image: Floats, picture: Floats) -> tuple[float, Floats, Floats]:
     slope = np.empty_like(apart)
     slope[:3] = on_white / lengths * scale
     slope[3] = np.float32(ALPHA) * scale * apart[3] / alphas - slope[:3].sum(axis=0)
-    loss = scale * float((lengths - KNEE).sum() + ALPHA * (alphas - KNEE).sum())
-    return loss, slope, np.abs(on_white).sum(axis=0)
+    loss = float((lengths - KNEE).sum() + ALPHA * (alphas - KNEE).sum()) / apart[3].size
+    return loss, slope, np.asarray(np.abs(on_white).sum(axis=0), np.float32)
 
 
 def picture_of(scene: Scene, camera: Camera, network: str) -> Floats:

@@ -136,7 +136,7 @@ def seen_of(scene: Scene, network: str, progress: Progress = silent) -> Seen:
             "The scene shows nothing, so there is nothing to make splats of: show regions with svv edit --show, make "
             "them more opaque, or take cuts away."
         )
-    return Seen(origin, size, *(np.concatenate(parts) for parts in zip(*found, strict=True)))  # type: ignore[arg-type]
+    return Seen(origin, size, *(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
 def ball_around(seen: Seen) -> tuple[NDArray[np.float64], float]:
@@ -202,7 +202,9 @@ def _levels_of(seen: Seen, finest: int) -> tuple[Seen, list[Level]]:
     kernels.order_keys(seen.places, low, np.float32((1 << finest) / extent), finest, keys)
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
-    fields = seen.places, seen.directions, seen.weights, seen.colours, seen.densities, seen.regions, seen.halves
+    fields: tuple[NDArray[Any], ...] = (
+        seen.places, seen.directions, seen.weights, seen.colours, seen.densities, seen.regions, seen.halves
+    )  # fmt: skip
     seen = Seen(seen.origin, seen.size, *(np.ascontiguousarray(field[order]) for field in fields))
     starts = np.append(np.flatnonzero(np.append(True, keys[1:] != keys[:-1])), len(keys))
     moments = np.empty((len(starts) - 1, kernels.MOMENTS))

@@ -152,7 +152,7 @@ def main() -> None:
     for tenth in range(10):
         mine = (10.0 * told).astype(int).clip(max=9) == tenth
         if mine.any():
-            print(f"told .{tenth}: {mine.sum()} regions, {told[mine].mean():.2f} on average, true {true[mine].mean():.2f}")
+            print(f"told .{tenth}: {mine.sum()} regions, {told[mine].mean():.2f}; true: {true[mine].mean():.2f}")
     wrong = int(((told > 0.9) & (true < 0.6)).sum())
     print(f"{len(told)} regions: mean error {np.abs(told - true).mean():.3f}, {wrong} above .9 with less than .6")
 

@@ -1,6 +1,6 @@
 """Whether the confidence told of regions that views alone tell is right: generated scenes whose regions are known.
 
-``python -m campaign.doubtful_regions --out FOLDER --scenes 48`` trains scenes of 2 to 5 ranges, from nested shells to
+``python -m campaign.doubtful_regions --out FOLDER --scenes 80`` trains scenes of 2 to 5 ranges, from nested shells to
 clouds, of opacities and hues at random, on views alone. Each is one line of ``FOLDER/scenes.jsonl``: of each region
 what was told and its intersection over union with the range that it stands for. Scenes that are there are not repeated.
 """
@@ -138,7 +138,7 @@ def main() -> None:
     """Measure scenes, and print how far told and true values are apart."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--scenes", type=int, default=48)
+    parser.add_argument("--scenes", type=int, default=80)
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
     file = asked.out / "scenes.jsonl"
@@ -149,6 +149,10 @@ def main() -> None:
             out.write(json.dumps(rows[-1]) + "\n")
         print(rows[-1], flush=True)
     told, true = (np.concatenate([row[name] for row in rows if row["told"]]) for name in ("told", "true"))
+    for tenth in range(10):
+        mine = (10.0 * told).astype(int).clip(max=9) == tenth
+        if mine.any():
+            print(f"told .{tenth}: {mine.sum()} regions, {told[mine].mean():.2f}; true: {true[mine].mean():.2f}")
     wrong = int(((told > 0.9) & (true < 0.6)).sum())
     print(f"{len(told)} regions: mean error {np.abs(told - true).mean():.3f}, {wrong} above .9 with less than .6")
 

@@ -22,6 +22,8 @@ from svv.fields.radiance.rendering import composite, march
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.train.palette import regions_from_views
+from svv.train.palette.along_rays import Seen
+from svv.train.palette.confidence import Evidence, errors_where_alone, light_in_front, likely_overlap
 from svv.train.palette.doubts import Question, doubts, hues_within
 from svv.train.palette.ranges import KnownRegions, Owners
 from svv.train.palette.recolour import palette_of
@@ -157,7 +159,7 @@ def test_what_would_settle_a_doubtful_region_is_asked_for() -> None:
 
 
 def told(colours: np.ndarray, hues: np.ndarray, region: np.ndarray) -> tuple[np.ndarray, list[Question]]:
-    """Confidence of the regions (V,) of vertices in a row, each of which one ray shows in one of the colours."""
+    """How far rays agree with regions (V,) of vertices in a row, each of which one shows in one of the colours."""
     points = object.__new__(_Points)
     places = np.stack([np.arange(len(region)), np.zeros_like(region), np.zeros_like(region)], axis=1)
     points.vertex, points.weight = torch.arange(len(region)), torch.ones(len(region))
@@ -165,7 +167,8 @@ def told(colours: np.ndarray, hues: np.ndarray, region: np.ndarray) -> tuple[np.
     points._device, points._places, points._cells = torch.device("cpu"), places, 8
     points._box = Box((-1.0, 0.0, 0.0), 2.0, (1.0, 1.0, 1.0))
     points._blurred = lambda values: values  # type: ignore[method-assign]
-    return points.confidence(region.astype(np.int64), colours)
+    found = points.agreed(region.astype(np.int64), colours)
+    return found.agreement, points.questions(region.astype(np.int64), found, found.agreement)
 
 
 def test_regions_of_near_hues_are_as_certain_as_rays_tell_them() -> None:
@@ -185,6 +188,70 @@ def test_regions_that_only_brightness_tells_apart_are_not_doubted_for_their_hue(
     sure, asked = told(colours, np.array([0, 1, 0, 1]), np.array([0, 0, 1, 1]))
     np.testing.assert_allclose(sure, 1.0)
     assert asked == []
+
+
+def fake_points(colour: np.ndarray, region: np.ndarray) -> _Points:
+    """Vertices in a row, each of which one ray shows, opaque, in a colour (V, 3)."""
+    points, count = object.__new__(_Points), len(region)
+    points.vertex = points.ray = torch.arange(count)
+    points.weight = points.cosine = torch.ones(count)
+    points.colour = points.pixel = torch.from_numpy(colour.astype(np.float32))
+    points._places = np.stack([np.arange(count), np.zeros(count, int), np.zeros(count, int)], axis=1)
+    points._device, points._cells, points._box = torch.device("cpu"), 8, Box((0.0,) * 3, 1.0, (1.0,) * 3)
+    points._blurred = lambda values: values  # type: ignore[method-assign]
+    points._seen = Seen(count, points.vertex, points.ray, points.weight, points.cosine, points.pixel)
+    return points
+
+
+def test_a_region_that_is_tinted_all_over_is_known_by_what_it_looks_like() -> None:
+    """Its points, behind a red shell, look orange, which is nearer to red than to its own yellow."""
+    colours = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
+    region = np.repeat([0, 1], 8)
+    sure, asked = fake_points(np.array([[1.0, 0.0, 0.0], [1.0, 0.35, 0.0]])[region], region).confidence(region, colours)
+    assert sure.min() > 0.9 and asked == []
+
+
+def test_regions_of_one_hue_whose_brightness_differs_little_are_doubted() -> None:
+    region, noise = np.repeat([0, 1], 200), np.random.default_rng(0).normal(1.0, 0.2, 400)
+    for dark, least, most in ((0.9, 0.0, 0.6), (0.3, 0.9, 1.0)):
+        bright = np.array([1.0, dark])
+        looks = (bright[region] * noise)[:, None] * np.ones(3)
+        sure, _ = fake_points(looks, region).confidence(region, bright[:, None] * np.ones(3))
+        assert least <= sure.min() <= sure.max() <= most
+
+
+@given(
+    st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4), st.floats(0.0, 1.0), st.integers(0, 3)
+)  # fmt: skip
+def test_confidence_is_monotone_in_what_is_known(one: list[float], more: float, which: int) -> None:
+    other = [value + more * (k == which) for k, value in enumerate(one)]
+    before, after = likely_overlap(Evidence(*np.array([one, other]).T))
+    assert 0.0 < before < 1.0 and 0.0 < after < 1.0
+    assert after >= before if which in (0, 2) else after <= before
+
+
+def test_light_in_front_and_errors_are_those_of_each_ray() -> None:
+    rng, rays, each, count = np.random.default_rng(3), 40, 5, 3
+    ray, vertex = np.repeat(np.arange(rays), each), rng.integers(0, 12, rays * each)
+    weight, cosine = rng.uniform(0.02, 0.2, rays * each), rng.random(rays * each)
+    pixel, region = rng.random((rays, 3)), np.arange(12) % count
+    whole = (torch.from_numpy(v) for v in (vertex, ray))
+    parts = (torch.from_numpy(v.astype(np.float32)) for v in (weight, cosine, pixel))
+    seen, own = Seen(12, *whole, *parts), region[vertex]
+    light, total, error, bright = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
+    there = torch.from_numpy(region)
+    wrong = seen.errors(there, seen.light(there, count), 0.0).norm(dim=1).numpy()
+    for number in range(rays):
+        mine = np.flatnonzero(ray == number)
+        for place, sample in enumerate(mine):
+            ahead = mine[:place]
+            light[own[sample]] += weight[sample] * weight[ahead][own[ahead] != own[sample]].sum()
+            total[own[sample]] += weight[sample]
+        part = np.bincount(own[mine], weight[mine], count)
+        error += wrong[number] * part**2 / part.sum()
+        bright += np.linalg.norm(pixel[number]) * part
+    np.testing.assert_allclose(light_in_front(seen, torch.from_numpy(own), count), light / total, rtol=1e-5)
+    np.testing.assert_allclose(errors_where_alone(seen, there, count), error / bright, rtol=1e-5)
 
 
 def test_a_region_of_two_hues_is_named_with_the_command_that_splits_it() -> None:

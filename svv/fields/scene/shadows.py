@@ -25,7 +25,7 @@ from svv.errors import BadInput
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.scene.matter import FINEST, PIECE, Matter, matter_of
 from svv.fields.scene.model import Model
-from svv.fields.scene.shadow_kernels import add_transmittance, carry_inside, depth_in_columns
+from svv.fields.scene.shadow_kernels import add_transmittance, carry_inside, transmittance_in_columns
 from svv.fields.scene.stroke_opacity import followed, strokes_of
 from svv.fields.scene.view_cache import key_of_paint
 from svv.kernels.constants import numbers_on
@@ -34,10 +34,10 @@ from svv.kernels.dispatch import kernels_for
 NEAR, FAR = 1.0, 2.0
 """Distances along the light, in cells, at which matter begins to count and counts fully."""
 
-CLEAR_DEPTH = 0.1
+CLEAR_DEPTH = 0.4
 """Optical depth of a cell in which a vertex counts 1 / e of one in empty space, where surfaces take their light."""
 
-DEEP = 4
+DEEP = 2
 """Vertices from the outside of matter up to which its surface takes the light that is outside."""
 
 LEAST_CLEAR = 1e-4
@@ -304,7 +304,7 @@ def _add(
     near = np.arange(int(np.ceil(FAR / step))) * step
     nearer = np.clip((near - NEAR) / (FAR - NEAR), 0.0, 1.0).astype(np.float32)
     columns = np.empty((size[0], count, size[1]), np.float32)
-    depth_in_columns(depth * np.float32(step), p, q, first, nearer, columns)
+    transmittance_in_columns(depth * np.float32(step), p, q, first, nearer, columns)
     add_transmittance(columns, p, q, first, where, share, found)
 
 

@@ -34,7 +34,7 @@ def doubts(
     """Return a sentence for each region, of a colour (P, 3), whose confidence is below :data:`SURE`, and what to do."""
     asked = {question.region: question for question in questions}
     return [
-        f"Region {number} ({to_hex(colour)}) may be wrong: single views and the scene agree on only {sure:.0%} of it. "
+        f"Region {number} ({to_hex(colour)}) may be wrong: it overlaps what it stands for by about {sure:.0%} only. "
         + (_ask(asked[number], colours) if number in asked else "Look at it (svv render --what region), and correct it "
            "with svv palette if need be.")
         for number, (colour, sure) in enumerate(zip(colours, confidence))

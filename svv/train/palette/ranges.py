@@ -84,7 +84,7 @@ class KnownRegions:
     owners: Labelled
     """Region of each point."""
     confidence: tuple[float, ...] = ()
-    """How far single rays agree with each region, in [0, 1]; none where the volume tells the regions."""
+    """How far each region is likely to be right, in [0, 1]; none where the volume tells the regions."""
     mixed: tuple[tuple[int, NDArray[np.float64]], ...] = ()
     """Regions that hold light of another hue than their own, RGB (3,), because there are too many to divide them."""
     questions: tuple[Question, ...] = ()

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -35,6 +35,13 @@ from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import moved
 from svv.kernels.dispatch import kernels_for
 from svv.train.palette.along_rays import Seen, agreement, divided, joined, summed, unmixed
+from svv.train.palette.confidence import (
+    Evidence,
+    agreed_by_brightness,
+    errors_where_alone,
+    light_in_front,
+    likely_overlap,
+)
 from svv.train.palette.doubts import SURE, Question
 from svv.train.palette.ranges import KnownRegions, Labelled
 from svv.train.run.batches import RayPool
@@ -98,6 +105,20 @@ class Labels(Labelled):
     def of(self, position: Tensor) -> Tensor:
         """Return the region of each point. (S,)"""
         return self._region[self.rows_of(position).clamp(max=len(self._region) - 1)]
+
+
+@dataclass(frozen=True)
+class _Agreed:
+    """How far single rays agree with P regions of points."""
+
+    agreement: Array
+    """Intersection over union, by light. (P,)"""
+    alike: NDArray[np.bool_]
+    """Which regions have one hue. (P, P)"""
+    both: Array
+    """Light of the region in each row that single rays call the one in each column. (P, P)"""
+    hue: Tensor
+    """Region that each sample's hue tells. (S,)"""
 
 
 class _Points:
@@ -215,18 +236,39 @@ class _Points:
         return found, hues, said, [(number, light[half].sum(axis=0)) for number, half in left]
 
     def confidence(self, region: NDArray[np.int64], colours: Array) -> tuple[Array, list[Question]]:
-        """Return how far single rays agree with the regions (V,) of their points, in [0, 1] (P,), and what to ask.
+        """Return how far regions (V,) of ``colours`` (P, 3) are likely to be right, in [0, 1] (P,), and what to ask.
 
-        The hue of a point in a ray, nearest to one of ``colours`` (P, 3), tells a region as well: intersection over
-        union of both, by light. Only regions of one hue, which brightness tells apart, count as told right. Regions
-        below :data:`svv.train.palette.doubts.SURE` are asked about where most light is told both ways.
+        Points behind others are tinted, so a region is known by the mean light of its points.
         """
-        unit, own, count = _unit(colours), self._own(region), len(colours)
-        hue = _likeness(self.colour, colours).argmax(dim=0)
+        count, own = len(colours), self._own(region)
+        looks = torch.stack([summed(own, self.weight * light, count) for light in self.colour.unbind(1)], dim=1)
+        light = looks.clamp(min=0.0).cpu().numpy()
+        found = self.agreed(region, light)
+        tint = np.arccos(np.clip((_unit(light) * _unit(colours)).sum(axis=1), -1.0, 1.0))
+        agreed = np.minimum(found.agreement, agreed_by_brightness(self._seen, self.colour, looks, own, found.alike))
+        error = errors_where_alone(self._seen, moved(region, self._device), count)
+        sure = likely_overlap(Evidence(agreed, error, tint, light_in_front(self._seen, own, count)))
+        return sure, self.questions(region, found, sure)
+
+    def agreed(self, region: NDArray[np.int64], looks: Array) -> _Agreed:
+        """Return how far single rays agree with the regions (V,) of their points.
+
+        The hue of a point in a ray, nearest to one of ``looks`` (P, 3), tells a region as well: intersection over
+        union of both, by light. Only regions of one hue, which brightness tells apart, count as told right.
+        """
+        unit, own, count = _unit(looks), self._own(region), len(looks)
+        hue = _likeness(self.colour, looks).argmax(dim=0)
         both = summed(own * count + hue, self.weight, count**2).view(count, count).cpu().numpy()
         alike = np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < SAME_HUE
-        sure = agreement(both, alike)
-        contested = np.where(alike | np.eye(count, dtype=np.bool_), 0.0, both + both.T)
+        return _Agreed(agreement(both, alike), alike, both, hue)
+
+    def questions(self, region: NDArray[np.int64], found: _Agreed, sure: Array) -> list[Question]:
+        """Return what to ask of regions (V,) that are less ``sure`` (P,) than :data:`svv.train.palette.doubts.SURE`.
+
+        The place is where most light is told both ways.
+        """
+        own, hue, both = self._own(region), found.hue, found.both
+        contested = np.where(found.alike | np.eye(len(sure), dtype=np.bool_), 0.0, both + both.T)
         asked = []
         for number in np.flatnonzero((sure < SURE) & (contested.max(axis=1) > 0.0)).tolist():
             other = int(contested[number].argmax())
@@ -234,7 +276,7 @@ class _Points:
             light = self._blurred(summed(self.vertex, self.weight * between, len(self._places))[:, None])[:, 0]
             place = self._places[int(light.argmax())] / self._cells
             asked.append(Question(number, other, tuple(self._box.to_world(place).tolist())))
-        return sure, asked
+        return asked
 
     def without_the_faint(self, region: NDArray[np.int64], hues: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Give the points of regions that are hardly visible to the others; returns regions and the numbers kept."""

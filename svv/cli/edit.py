@@ -105,6 +105,14 @@ class Asked:
     """Recolour unpainted regions so that all differ: colours for any colour vision, lightness also in a grey print."""
 
 
+def _check_split(part: PartEdit, picture: PictureOptions) -> None:
+    """Raise BadInput for options of a split without one."""
+    if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
+        raise BadInput(
+            "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
+        )
+
+
 @spread
 def edit(  # noqa: PLR0913  (one parameter per group of options)
     scene: SceneFile,
@@ -144,10 +152,7 @@ def edit(  # noqa: PLR0913  (one parameter per group of options)
     request = SceneEdit(
         regions, light, shadow, occlusion, paint, outline, visibility, cuts, sections, part, chosen, chosen
     )
-    if part.split_at is None and (part.split_level is not None or picture != PictureOptions()):
-        raise BadInput(
-            "--split-level, --camera, --frame and --size need --split-at, the place of the part to split off."
-        )
+    _check_split(part, picture)
     edits = bool(request or own or asked.distinct or asked.say)
     _check(region, own, bool(own or occlusion or paint or outline or sections), steps, edits)
     check_writable(out)

@@ -25,6 +25,9 @@ LEAST_ALPHA = 1e-6
 CHUNK = 1 << 16
 """Splats that are written at once."""
 
+COMMENT = "comment svv"
+"""Begins lines that other readers skip."""
+
 
 def names_of(harmonics: int) -> list[str]:
     """Return the names of a row's numbers, for 1, 4, 9 or 16 harmonics.
@@ -42,10 +45,10 @@ def write_ply(path: Path, splats: Splats, place: Place, progress: Progress = sil
     names = names_of(splats.harmonics.shape[1])
     header = [
         "ply", "format binary_little_endian 1.0",
-        *(f"comment svv {key} {json.dumps(value)}" for key, value in (
+        *(f"{COMMENT} {key} {json.dumps(value)}" for key, value in (
             ("origin", place.origin), ("unit", place.unit), ("background", splats.background),
         )),
-        *(f"comment svv region {number} {json.dumps(name)}" for number, name in enumerate(splats.names)),
+        *(f"{COMMENT} region {number} {json.dumps(name)}" for number, name in enumerate(splats.names)),
         f"element vertex {len(splats)}", *(f"property float {name}" for name in names), "end_header", "",
     ]  # fmt: skip
     with atomic_path(path) as temporary, temporary.open("wb") as file:
@@ -95,7 +98,7 @@ def _told(path: Path, lines: list[str]) -> dict[str, object]:
     """What comments of svv say, by key."""
     told: dict[str, object] = {}
     for line in lines:
-        if match := re.fullmatch(r"comment svv (origin|unit|background|region \d{1,5}) (.*)", line):
+        if match := re.fullmatch(COMMENT + r" (origin|unit|background|region \d{1,5}) (.*)", line):
             try:
                 told[match[1]] = parsed(match[2])
             except ValueError as error:

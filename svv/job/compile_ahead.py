@@ -67,10 +67,12 @@ def ball_views() -> ViewSet:
 
 
 def compile_all() -> None:
-    """Train on a ball, render it with both kinds of light and paint it, in a few steps each."""
+    """Train on a ball, render it with both kinds of light, paint it, and make splats of it, in a few steps each."""
     from svv.kernels.numba.bricks import made
+    from svv.options.splats import SplatOptions
     from svv.train.pipeline import stylize_scene, train_scene
     from svv.train.run.config import preset
+    from svv.train.splats.fit import fit_splats
 
     views, draft = ball_views(), preset("draft")
     few = replace(
@@ -90,6 +92,7 @@ def compile_all() -> None:
     for manner in manners:
         painted, _ = stylize_scene(scene, [picture], few, manner=manner)
         painted.render(views.cameras[0])
+    fit_splats(scene, SplatOptions(count=500, steps=2))
 
 
 def _marker() -> Path:

@@ -56,7 +56,7 @@ def likely_overlap(evidence: Evidence) -> Array:
     >>> from svv.train.palette.confidence import Evidence, likely_overlap
     >>> clear, doubtful = np.array([0.98, 0.0, 0.02, 0.0]), np.array([0.6, 0.05, 0.02, 0.4])
     >>> likely_overlap(Evidence(*np.stack([clear, doubtful], axis=1))).round(2).tolist()
-    [0.99, 0.33]
+    [0.99, 0.35]
     """
     sure = np.clip(evidence.agreement, 1.0 - SUREST, SUREST)
     odds = ALWAYS + AGREEMENT * np.log(sure / (1.0 - sure)) + ERROR * evidence.error

@@ -345,7 +345,7 @@ def test_command(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--out", "a.obj"], "NAME.cdb, or a volume NAME.vti or NAME.vdb"),
+        (["--out", "a.obj"], "NAME.cdb, a volume NAME.vti or NAME.vdb, or splats"),
         (["--out", "a.vti", "--regions", "7"], "no region 7"),
         (["--out", "a.vti", "--network", "base"], "bake a scene with a palette"),
         (["--out", "a.vti", "--network", "styled"], "no network 'styled'"),

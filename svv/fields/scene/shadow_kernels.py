@@ -8,6 +8,9 @@ from numba import njit, prange
 EVEN = 0.01
 """How much neighbours count that are not in front of a surface: a sheet has no front, and takes light of both sides."""
 
+SHARES = (1.0, 0.5, 0.25, 0.125)
+"""How much neighbours count that lie apart along so many axes."""
+
 
 @njit(parallel=True, cache=True)
 def transmittance_in_columns(field, p, q, first, nearer, found):  # type: ignore[no-untyped-def]
@@ -82,13 +85,13 @@ def carry_inside(light, clear, light_after, clear_after):  # type: ignore[no-unt
                     for i in range(-1, 2):
                         for j in range(-1, 2):
                             for k in range(-1, 2):
-                                weight = clear[x + i, y + j, z + k] * 0.5 ** (abs(i) + abs(j) + abs(k))
+                                weight = clear[x + i, y + j, z + k] * SHARES[abs(i) + abs(j) + abs(k)]
                                 a, b, c, around = a + i * weight, b + j * weight, c + k * weight, around + weight
                     total, weights = 0.0, 0.0
                     for i in range(-1, 2):
                         for j in range(-1, 2):
                             for k in range(-1, 2):
-                                weight = clear[x + i, y + j, z + k] * 0.5 ** (abs(i) + abs(j) + abs(k))
+                                weight = clear[x + i, y + j, z + k] * SHARES[abs(i) + abs(j) + abs(k)]
                                 ahead = max(a * i + b * j + c * k, 0.0)
                                 weight *= ahead * ahead / max(i * i + j * j + k * k, 1) + EVEN * around * around
                                 total += weight * light[x + i, y + j, z + k]

@@ -35,7 +35,6 @@ from svv.options import figures
 from svv.render.distinct import distinct
 from svv.render.figures.colour_check import regions_to_json, report_on, seen_in_picture, simulation_sheet
 from tests.cube import cube_paint
-from tests.nightly import nightly
 
 WHITE = np.ones((1, 3))
 COLOURS = np.random.default_rng(0).random((50, 3))
@@ -108,7 +107,7 @@ def test_panels_and_commands_offer_the_ways_that_are_computed() -> None:
     assert figures.VISIONS == VISIONS
 
 
-@pytest.mark.parametrize("visions", nightly([COLOUR_VISIONS, VISIONS], VISIONS))
+@pytest.mark.parametrize("visions", [pytest.param(COLOUR_VISIONS, marks=pytest.mark.slow), VISIONS])
 @pytest.mark.parametrize(
     "palette",
     [

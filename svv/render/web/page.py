@@ -47,6 +47,7 @@ from svv.fields.scene.sections import (
     flat_colours,
     is_sectioned,
 )
+from svv.fields.scene.shadow_kernels import EVEN
 from svv.fields.scene.stroke_opacity import strokes_of
 from svv.io.files.atomic import atomic_path, check_writable, to_json
 from svv.io.files.temporary import work_folder
@@ -374,6 +375,7 @@ def _shadows(scene: Scene) -> dict[str, object] | None:
         "clear_depth": shadows.CLEAR_DEPTH,
         "least_clear": shadows.LEAST_CLEAR,
         "deep": shadows.DEEP,
+        "even": EVEN,
         "around": shadows.AROUND,
         "directions": shadows.DIRECTIONS,
         "finest": FINEST,

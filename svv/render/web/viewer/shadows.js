@@ -183,7 +183,7 @@ function* transmittance(grid, directions, numbers) {
   }
   let clear = grid.depth.map((depth, k) => (where[k] ? Math.max(Math.exp(-depth / numbers.clear_depth), numbers.least_clear) : 0)), found = light;
   for (let k = 0; k < numbers.deep; k++) {
-    [found, clear] = carriedInside(found, clear, size);
+    [found, clear] = carriedInside(found, clear, size, numbers.even);
     yield;
   }
   return found;
@@ -218,7 +218,7 @@ function addLight({ size, depth, where }, direction, axis, share, { near, far },
         if (k >= lag) total[v] += own[(k - lag) * high + v];
         let sum = total[v];
         for (let m = 0; m < lag && m <= k; m++) sum += nearer[m] * own[(k - m) * high + v];
-        found[to + v] = sum;
+        found[to + v] = sum > 0 ? Math.exp(-sum) : 1;
       }
     }
   }
@@ -229,31 +229,39 @@ function addLight({ size, depth, where }, direction, axis, share, { near, far },
       for (let j = 0; j < columns; j++) {
         const at = base + j * right;
         if (!where[at]) continue;
-        const thick = (1 - f) * ((1 - g) * found[low + j] + g * found[low + j + 1]) + f * ((1 - g) * found[up + j] + g * found[up + j + 1]);
-        light[at] += share * (thick > 0 ? Math.exp(-thick) : 1);
+        light[at] += share * ((1 - f) * ((1 - g) * found[low + j] + g * found[low + j + 1]) + f * ((1 - g) * found[up + j] + g * found[up + j + 1]));
       }
     }
   }
 }
 
-// Let vertices that are not clear take part of the mean light of clearer ones around them (carry_inside).
-function carriedInside(light, clear, [nx, ny, nz]) {
-  const after = new Float32Array(light.length), cleared = new Float32Array(light.length), along = ny * nz;
+// Let vertices that are not clear take part of the light of clearer ones in front of their surface (carry_inside).
+function carriedInside(light, clear, [nx, ny, nz], even) {
+  const after = new Float32Array(light.length), cleared = new Float32Array(light.length), along = ny * nz, around = [];
+  for (let i = -1; i < 2; i++)
+    for (let j = -1; j < 2; j++)
+      for (let k = -1; k < 2; k++) {
+        const axes = i * i + j * j + k * k;
+        around.push({ i, j, k, by: i * along + j * nz + k, share: 0.5 ** axes, square: Math.max(axes, 1) });
+      }
   for (let x = 1; x < nx - 1; x++)
     for (let y = 1; y < ny - 1; y++)
       for (let z = 1; z < nz - 1; z++) {
         const at = x * along + y * nz + z, own = clear[at];
         after[at] = light[at], cleared[at] = own;
         if (own <= 0 || own >= 0.99) continue;
+        let a = 0, b = 0, c = 0, sum = 0;
+        for (const { i, j, k, by, share } of around) {
+          const weight = share * clear[at + by];
+          a += i * weight, b += j * weight, c += k * weight, sum += weight;
+        }
         let total = 0, weights = 0;
-        for (let i = -1; i < 2; i++)
-          for (let j = -1; j < 2; j++)
-            for (let k = -1; k < 2; k++) {
-              const from = at + i * along + j * nz + k, weight = clear[from] / (1 << ((i & 1) + (j & 1) + (k & 1)));
-              total += weight * light[from], weights += weight;
-            }
+        for (const { i, j, k, by, share, square } of around) {
+          const ahead = Math.max(a * i + b * j + c * k, 0), weight = share * clear[at + by] * ((ahead * ahead) / square + even * sum * sum);
+          total += weight * light[at + by], weights += weight;
+        }
         after[at] = own * light[at] + ((1 - own) * total) / weights;
-        cleared[at] = own + ((1 - own) * weights) / 8;
+        cleared[at] = own + ((1 - own) * sum) / 8;
       }
   return [after, cleared];
 }

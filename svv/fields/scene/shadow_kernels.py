@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from svv.core.lanes import LANES, exp, load, splat, store
+
 EVEN = 0.01
 """How much neighbours count that are not in front of a surface: a sheet has no front, and takes light of both sides."""
 
@@ -18,7 +20,8 @@ def transmittance_in_columns(field, p, q, first, nearer, found):  # type: ignore
 
     ``field`` (K, I, J): optical depth of one step along a column, at vertices; the light is on the side of slice 0.
     Point k of column (u, v) lies in slice k at i = u + first[0] - k p and j = v + first[1] - k q, so a column is a ray
-    to the light. ``nearer`` (M,): weights of the point itself and of those between it and the light that count in part.
+    to the light; V is a multiple of a vector's lanes. ``nearer`` (M,): weights of the point itself and of those between
+    it and the light that count in part.
     """
     depths, rows, columns = field.shape
     for u in prange(found.shape[0]):
@@ -30,10 +33,12 @@ def transmittance_in_columns(field, p, q, first, nearer, found):  # type: ignore
             for side in range(2):
                 row, share = i + side, f if side else np.float32(1.0) - f
                 if 0 <= row < rows:
-                    for v in range(max(0, -j), min(found.shape[2], columns - j)):
-                        own[k, v] += share * (np.float32(1.0) - g) * field[k, row, j + v]
-                    for v in range(max(0, -j - 1), min(found.shape[2], columns - j - 1)):
-                        own[k, v] += share * g * field[k, row, j + v + 1]
+                    for offset in range(2):  # of neighbours along the row
+                        begin, end = max(0, -j - offset), min(found.shape[2], columns - j - offset)
+                        part = share * (g if offset else np.float32(1.0) - g)
+                        there, sums = field[k, row, begin + j + offset :], own[k, begin:end]
+                        for v in range(len(sums)):
+                            sums[v] += part * there[v]
         total = np.zeros(found.shape[2], np.float32)
         for k in range(depths):
             if k >= len(nearer):
@@ -41,29 +46,28 @@ def transmittance_in_columns(field, p, q, first, nearer, found):  # type: ignore
             found[u, k] = total
             for m in range(min(len(nearer), k + 1)):
                 found[u, k] += nearer[m] * own[k - m]
-            for v in range(found.shape[2]):  # most of a grid is empty
-                found[u, k, v] = np.exp(-found[u, k, v]) if found[u, k, v] > 0.0 else np.float32(1.0)
+            at = (u * depths + k) * found.shape[2]
+            for v in range(at, at + found.shape[2], LANES):
+                store(found, v, exp(splat(np.float32(0.0)) - load(found, v)))
 
 
 @njit(parallel=True, cache=True)
-def add_transmittance(columns, p, q, first, where, share, found):  # type: ignore[no-untyped-def]
-    """Add ``share`` of the transmittance to the light to ``found`` (K, I, J), at those vertices that ``where`` marks.
+def add_transmittance(columns, p, q, first, share, found):  # type: ignore[no-untyped-def]
+    """Add ``share`` of the transmittance to the light to ``found`` (K, I, J), at vertices.
 
     ``columns`` (U, K, V), ``p``, ``q`` and ``first`` are those of :func:`transmittance_in_columns`. Between optical
     depths, a little of a column through deep matter would be darkness already: a shadow would be wider by half a cell.
     """
+    one = np.float32(1.0)
     for k in prange(found.shape[0]):
         x, y = k * p - first[0], k * q - first[1]
         a, b = int(np.floor(x)), int(np.floor(y))
         f, g = np.float32(x - a), np.float32(y - b)
         for i in range(found.shape[1]):
-            low, high = columns[i + a, k], columns[i + a + 1, k]
-            for j in range(found.shape[2]):
-                if where[k, i, j]:
-                    v = j + b
-                    arrives = (np.float32(1.0) - f) * ((np.float32(1.0) - g) * low[v] + g * low[v + 1])
-                    arrives += f * ((np.float32(1.0) - g) * high[v] + g * high[v + 1])
-                    found[k, i, j] += share * arrives
+            low, high, own = columns[i + a, k, b:], columns[i + a + 1, k, b:], found[k, i]
+            for j in range(len(own)):
+                arrives = (one - f) * ((one - g) * low[j] + g * low[j + 1])
+                own[j] += share * (arrives + f * ((one - g) * high[j] + g * high[j + 1]))
 
 
 @njit(parallel=True, cache=True)

@@ -20,6 +20,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from svv.core.lanes import LANES
 from svv.core.strokes.strokes import Floats
 from svv.errors import BadInput
 from svv.fields.radiance.encodings import SparseLattice
@@ -261,10 +262,10 @@ def _transmittance(grid: _Grid, towards: NDArray[np.float64], softness: float) -
     light = np.zeros(grid.depth.shape, np.float32)
     every = cone(towards, softness)
     for axis, of_axis in itertools.groupby(sorted(every.tolist(), key=_axis), key=_axis):
-        here, where = (_first(array, axis) for array in (grid.depth, grid.where))
+        here = _first(grid.depth, axis)
         part = np.zeros(here.shape, np.float32)
         for direction in of_axis:
-            _add(here, where, direction, axis, np.float32(1.0 / len(every)), part)
+            _add(here, direction, axis, np.float32(1.0 / len(every)), part)
         sign, number = axis
         part = part[::-1] if sign > 0 else part
         light += np.moveaxis(part, 0, number)
@@ -289,10 +290,7 @@ def _first(array: NDArray[Any], axis: tuple[int, int]) -> NDArray[Any]:
     return np.ascontiguousarray(array[::-1] if sign > 0 else array)
 
 
-def _add(
-    depth: Floats, where: NDArray[np.bool_], direction: list[float], axis: tuple[int, int], share: np.float32,
-    found: Floats,
-) -> None:  # fmt: skip
+def _add(depth: Floats, direction: list[float], axis: tuple[int, int], share: np.float32, found: Floats) -> None:
     """Add a share of the transmittance in one direction to ``found``; arrays are as :func:`_first` returns them."""
     along = abs(direction[axis[1]])
     p, q = (component / along for k, component in enumerate(direction) if k != axis[1])
@@ -303,9 +301,9 @@ def _add(
     step = 1.0 / along
     near = np.arange(int(np.ceil(FAR / step))) * step
     nearer = np.clip((near - NEAR) / (FAR - NEAR), 0.0, 1.0).astype(np.float32)
-    columns = np.empty((size[0], count, size[1]), np.float32)
+    columns = np.empty((size[0], count, -(-size[1] // LANES) * LANES), np.float32)
     transmittance_in_columns(depth * np.float32(step), p, q, first, nearer, columns)
-    add_transmittance(columns, p, q, first, where, share, found)
+    add_transmittance(columns, p, q, first, share, found)
 
 
 def cone(towards: NDArray[np.float64], softness: float) -> NDArray[np.float64]:

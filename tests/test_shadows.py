@@ -115,8 +115,8 @@ def test_uniform_matter_dims_by_its_way_to_the_border(direction: tuple[int, ...]
 
 def test_a_column_sums_up_what_lies_between_a_vertex_and_the_light() -> None:
     rng = np.random.default_rng(1)
-    field = rng.random((9, 8, 7)).astype(np.float32)
-    columns, found = np.zeros((8, 9, 7), np.float32), np.zeros(field.shape, np.float32)
+    field = rng.random((9, 8, 37)).astype(np.float32)  # whole vectors and a rest
+    columns, found = np.zeros((8, 9, 37), np.float32), np.zeros(field.shape, np.float32)
     first = np.zeros(2, np.int64)
     transmittance_in_columns(field, 0.0, 0.0, first, np.array([0.0, 0.25], np.float32), columns)
     between = np.cumsum(field, 0)
@@ -125,7 +125,7 @@ def test_a_column_sums_up_what_lies_between_a_vertex_and_the_light() -> None:
     wanted[2:] += between[:-2]
     np.testing.assert_allclose(np.moveaxis(columns, 0, 1), np.exp(-wanted), rtol=1e-5)
     padded = np.pad(columns, ((0, 1), (0, 0), (0, 1)), constant_values=1.0)
-    add_transmittance(padded, 0.0, 0.0, first, np.ones(field.shape, np.bool_), np.float32(1.0), found)
+    add_transmittance(padded, 0.0, 0.0, first, np.float32(1.0), found)
     np.testing.assert_allclose(found, np.exp(-wanted), rtol=1e-5)
 
 

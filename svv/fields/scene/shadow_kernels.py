@@ -20,8 +20,7 @@ def transmittance_in_columns(field, p, q, first, nearer, found):  # type: ignore
 
     ``field`` (K, I, J): optical depth of one step along a column, at vertices; the light is on the side of slice 0.
     Point k of column (u, v) lies in slice k at i = u + first[0] - k p and j = v + first[1] - k q, so a column is a ray
-    to the light; V is a multiple of a vector's lanes. ``nearer`` (M,): weights of the point itself and of those between
-    it and the light that count in part.
+    to the light. ``nearer`` (M,): weights of the point itself and of those between it and the light that count in part.
     """
     depths, rows, columns = field.shape
     for u in prange(found.shape[0]):
@@ -46,9 +45,11 @@ def transmittance_in_columns(field, p, q, first, nearer, found):  # type: ignore
             found[u, k] = total
             for m in range(min(len(nearer), k + 1)):
                 found[u, k] += nearer[m] * own[k - m]
-            at = (u * depths + k) * found.shape[2]
-            for v in range(at, at + found.shape[2], LANES):
+            at, whole = (u * depths + k) * found.shape[2], found.shape[2] // LANES * LANES
+            for v in range(at, at + whole, LANES):
                 store(found, v, exp(splat(np.float32(0.0)) - load(found, v)))
+            for v in range(whole, found.shape[2]):
+                found[u, k, v] = np.exp(-found[u, k, v])
 
 
 @njit(parallel=True, cache=True)

@@ -20,7 +20,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from svv.core.lanes import LANES
 from svv.core.strokes.strokes import Floats
 from svv.errors import BadInput
 from svv.fields.radiance.encodings import SparseLattice
@@ -301,7 +300,7 @@ def _add(depth: Floats, direction: list[float], axis: tuple[int, int], share: np
     step = 1.0 / along
     near = np.arange(int(np.ceil(FAR / step))) * step
     nearer = np.clip((near - NEAR) / (FAR - NEAR), 0.0, 1.0).astype(np.float32)
-    columns = np.empty((size[0], count, -(-size[1] // LANES) * LANES), np.float32)
+    columns = np.empty((size[0], count, size[1]), np.float32)
     transmittance_in_columns(depth * np.float32(step), p, q, first, nearer, columns)
     add_transmittance(columns, p, q, first, share, found)
 

@@ -61,6 +61,8 @@ class RenderSettings:
     samples: int | None = None
     """Rays along a pixel's side; by default one in movies and folders of frames, and in one view as many as
     :func:`svv.render.supersampled.samples_for` says."""
+    temporary: bool = False
+    """Whether files of colours are removed soon: they are larger, and written in less time."""
 
 
 Writes = Callable[[], "NDArray[np.uint8] | None"]
@@ -168,7 +170,7 @@ def _write(
         write_png(path, view.rgba, made)
     else:
         levels = to_bytes(over(view.rgba, shown.background))
-        write_png(path, levels, made)
+        write_png(path, levels, made, 1 if shown.temporary else 4)
         return levels
     return None
 

@@ -51,13 +51,14 @@ def to_bytes(image: ArrayLike) -> NDArray[np.uint8]:
     return np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
-def write_png(path: str | Path, image: ArrayLike, made: str = "") -> None:
+def write_png(path: str | Path, image: ArrayLike, made: str = "", compression: int = 4) -> None:
     """Write a picture (h, w, 3 or 4) with straight alpha, 8-bit levels or values in [0, 1], as 8-bit PNG.
 
     Args:
         path: The file.
         image: The picture.
         made: What it was made from, for :func:`made_of`.
+        compression: 0 (quick) to 9 (small).
 
     Raises:
         BadInput: The file cannot be written (see :func:`svv.io.files.atomic.atomic_path`).
@@ -67,7 +68,7 @@ def write_png(path: str | Path, image: ArrayLike, made: str = "") -> None:
     values = np.asarray(image)
     levels = values if values.dtype == np.uint8 else to_bytes(values)
     with atomic_path(path) as temporary:
-        Image.fromarray(levels).save(temporary, format="PNG", compress_level=4, pnginfo=_text(made))
+        Image.fromarray(levels).save(temporary, format="PNG", compress_level=compression, pnginfo=_text(made))
 
 
 FRAME = re.compile(r"(\d{4}|[1-9]\d{4,})\.png")

@@ -165,7 +165,7 @@ def render_shot(
     if not movie:
         write_frames(path, film, film.cameras, shown, part(progress, PREPARED, 1.0), those)
         return
-    shown = replace(shown, background=shown.background or WHITE)
+    shown = replace(shown, background=shown.background or WHITE, temporary=True)
     folder, files = path.with_name(path.name + ".frames"), list[Path]()
 
     def pictures() -> Iterator[NDArray[np.uint8]]:  # encoded by another process while the next one is drawn

@@ -22,7 +22,7 @@ class SplatOptions:
     'auto'
     """
 
-    count: Annotated[int, Setting("--splats", least=100, most=MOST_SPLATS, metavar="N", panel="")] = 100_000
+    count: Annotated[int, Setting("--splats", least=100, most=MOST_SPLATS, metavar="N", panel="")] = 60_000
     """For splats: how many at most; more are sharper and take more memory and time."""
     degree: Annotated[DegreeName, Setting(panel="")] = "auto"
     """For splats: degree of the harmonics with which colours follow the viewer; auto tries what they gain."""

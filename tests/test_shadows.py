@@ -361,6 +361,10 @@ def test_the_page_shows_them_as_the_renderer_does(open_page: Any, balls: Scene, 
     opened.ready()
     camera = scene.rig.orbit(181, 96, frames=[90])[0]
     assert opened.psnr(scene, camera) > max(28.0, opened.psnr(plain, camera) + 3.0)
+    right = opened.page.get_by_label("Shadows from the right of the camera, in degrees")
+    assert right.get_attribute("aria-valuetext") == "fixed", "a direction in the world is no angle to the camera"
+    right.fill("70")
+    assert right.get_attribute("aria-valuetext") == "70°"
 
 
 def test_a_swatch_is_a_sphere_in_the_open(cube: Scene) -> None:

@@ -140,10 +140,11 @@ class Panel {
     if (kinds.every((lighting) => lighting === "none")) return this.header.shadows === null ? [] : [this.section("Light", ...this.shadows())];
     const content = [this.slider("Amount", [0, 1, 0.01], (v) => (v === 0 ? "off" : percent(v)), () => state.light, (v) => (state.light = v), "Light")];
     if (kinds.includes("phong")) {
+      const angle = (v) => (state.lamp.direction === null ? degrees(v) : "fixed"); // in the world, until it is moved
       const move = (name) => (v) => (state.lamp = { ...state.lamp, direction: null, [name]: v });
       content.push(
-        this.slider("Right", [-180, 180, 1], degrees, () => state.lamp.azimuth, move("azimuth"), "Light from the right of the camera, in degrees"),
-        this.slider("Above", [-90, 90, 1], degrees, () => state.lamp.elevation, move("elevation"), "Light from above the camera, in degrees"),
+        this.slider("Right", [-180, 180, 1], angle, () => state.lamp.azimuth, move("azimuth"), "Light from the right of the camera, in degrees"),
+        this.slider("Above", [-90, 90, 1], angle, () => state.lamp.elevation, move("elevation"), "Light from above the camera, in degrees"),
         this.slider("Brightness", [0, Math.max(2, state.lamp.intensity), 0.01], percent, () => state.lamp.intensity, (v) => (state.lamp = { ...state.lamp, intensity: v })),
       );
     }
@@ -159,10 +160,11 @@ class Panel {
       if (light?.length === 2) return light;
       return light === null && direction === null && (azimuth !== 0 || elevation !== 0) ? [azimuth, elevation] : shadows.upper_left;
     };
+    const angle = (v) => (state.lamp.shadow_light?.length === 3 || (state.lamp.shadow_light === null && state.lamp.direction !== null) ? "fixed" : degrees(v));
     const moved = (k) => (v) => (state.lamp = { ...state.lamp, shadow_light: own().map((before, axis) => (axis === k ? v : before)) });
     const from = [
-      this.slider("From right", [-180, 180, 1], degrees, () => own()[0], moved(0), "Shadows from the right of the camera, in degrees"),
-      this.slider("From above", [-90, 90, 1], degrees, () => own()[1], moved(1), "Shadows from above the camera, in degrees"),
+      this.slider("From right", [-180, 180, 1], angle, () => own()[0], moved(0), "Shadows from the right of the camera, in degrees"),
+      this.slider("From above", [-90, 90, 1], angle, () => own()[1], moved(1), "Shadows from above the camera, in degrees"),
     ];
     this.updates.push(() => from.forEach((slider) => (slider.hidden = state.lamp.shadow === 0)));
     return [this.slider("Shadows", [0, 1, 0.01], percent, () => state.lamp.shadow, (v) => (state.lamp = { ...state.lamp, shadow: v })), ...from];

@@ -91,6 +91,15 @@ def test_what_is_cut_off_or_hidden_is_not_doubted(cube_that_knows: Scene) -> Non
     assert np.isnan(half.doubt(camera)).sum() > np.isnan(cube_that_knows.doubt(camera)).sum()
 
 
+@pytest.mark.parametrize("section", ["flat", "hatched"])
+def test_faces_of_cuts_are_doubted_as_they_were_learned(section: str, cube_that_knows: Scene) -> None:
+    half = cube_that_knows.cut("x>50%")
+    drawn = half.with_section(section)
+    camera = orbit(half, 5, 24, 24)[2]
+    assert np.abs(drawn.render(camera).rgba - half.render(camera).rgba).max() > 0.1
+    np.testing.assert_array_equal(drawn.doubt(camera), half.doubt(camera))
+
+
 def test_files_keep_expected_errors(cube_that_knows: Scene, tmp_path: Path) -> None:
     cube_that_knows.save(tmp_path / "a.svv")
     again = Scene.load(tmp_path / "a.svv")

@@ -34,6 +34,7 @@ def psnr(opened: Opened, scene: Scene, camera: Camera, darkest: float) -> float:
 def test_a_page_shows_the_errors_that_are_rendered(open_page: Any, balls: Scene, tmp_path: Path) -> None:
     assert balls.expected is not None
     scene = lit(balls).painted(paint(balls, 1), {0: "ink"}, {}, "one").with_light(60.0, 20.0)
+    scene = scene.cut("x<30%").with_section("hatched")
     write_html(tmp_path / "balls.html", scene, "balls")
     opened = open_page(tmp_path / "balls.html")
     opened.ready()

@@ -8,6 +8,7 @@ samples.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -24,9 +25,11 @@ from svv.fields.scene.expected import ExpectedErrors
 from svv.fields.scene.images import shade, visible_samples
 from svv.fields.scene.model import Model
 from svv.fields.scene.region import label_of
+from svv.fields.scene.sections import is_sectioned
 from svv.io.pictures.output import darkest_from
 from svv.kernels.dispatch import kernels_of
 from svv.kernels.types import Samples
+from svv.options.editing import LEARNED
 
 MOST_RATIO = 8.0
 """Largest ratio of pixels of views and of an image that is looked at: beyond, edges are sharp or smooth in both."""
@@ -50,7 +53,8 @@ def doubt(scene: Model, camera: GivenCamera, progress: Progress = silent) -> NDA
     """Return the error that the pixels of an image are expected to have compared with the volume rendering.
 
     It is the mean absolute difference of RGB on white, in [0, 1]; NaN where nothing is visible. Opacities and cuts that
-    were edited count. That of a painting is that of the scene without it: of paint, there is no truth.
+    were edited count. That of a painting, or of faces of cuts drawn flat or hatched, is that of the scene as it was
+    learned: of drawings, there is no truth.
 
     Args:
         scene: A scene of one transfer function, at the time step that it was trained on.
@@ -64,6 +68,8 @@ def doubt(scene: Model, camera: GivenCamera, progress: Progress = silent) -> NDA
         BadInput: The scene does not know its errors (:func:`expected_of`), or the camera is none.
     """
     expected, camera = expected_of(scene), camera_of(camera, scene)
+    if is_sectioned(scene):
+        scene = replace(scene, regions=tuple(replace(region, section=LEARNED) for region in scene.regions))
     with gpu_errors(scene.device):
         caster, pixels = scene.caster([camera]), camera.width * camera.height
         shown = torch.zeros(pixels, 5, device=scene.device)

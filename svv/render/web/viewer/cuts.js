@@ -32,12 +32,12 @@ function cutRows(cuts, header) {
   return [...planes, ...balls, ...axes, ...kinds];
 }
 
-// The unlit colour of each region as it shows in sections, and how: rows of the uniform uSection.
+// The unlit colour of each region as it shows in sections, and how: rows of the uniform uSection. Errors are those of faces as learned.
 function sectionRows(state, header) {
   const shares = sharesOf(state, header);
   return header.regions.map(({ section }, k) => {
     const plain = state.regions[k].edited ?? state.regions[k].colour;
     const main = shares[k] === 0 ? plain : header.paintings[state.painting].flat[k] ?? plain;
-    return [...plain.map((v, c) => v + shares[k] * (main[c] - v)), SECTIONS[section]];
+    return [...plain.map((v, c) => v + shares[k] * (main[c] - v)), SECTIONS[state.doubt ? "learned" : section]];
   });
 }

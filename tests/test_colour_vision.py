@@ -111,9 +111,9 @@ def test_panels_and_commands_offer_the_ways_that_are_computed() -> None:
 @pytest.mark.parametrize(
     "palette",
     [
-        [(0.8, 0.2, 0.1), (0.2, 0.6, 0.2)],
+        pytest.param([(0.8, 0.2, 0.1), (0.2, 0.6, 0.2)], marks=pytest.mark.slow),
         [(0.8, 0.2, 0.1), (0.75, 0.25, 0.1), (0.2, 0.6, 0.2), (0.3, 0.55, 0.2)],
-        [(1.0, 1.0, 0.9), (0.98, 1.0, 0.95)],
+        pytest.param([(1.0, 1.0, 0.9), (0.98, 1.0, 0.95)], marks=pytest.mark.slow),
         [(0.5, 0.5, 0.5)] * 3,
     ],
 )

@@ -362,6 +362,7 @@ def test_a_palette_given_by_hand_tells_brightnesses_of_one_hue_apart() -> None:
     assert overlap(scene, train, owners_of(scene, train, truth, 0)).min() > 0.9
 
 
+@pytest.mark.slow
 def test_the_same_seed_finds_the_same_regions() -> None:
     scene, train = drawn("easy", size=64)
     palette = palette_of(train, scene.occupancy, 0)

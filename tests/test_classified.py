@@ -181,6 +181,7 @@ def test_it_helps(views: tuple[ViewSet, ViewSet]) -> None:
     assert scores[0] > scores[1] + 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alone", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_command_says_what_it_learned_from(
     views: tuple[ViewSet, ViewSet], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, alone: bool

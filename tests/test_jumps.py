@@ -145,7 +145,7 @@ def test_colours_beyond_the_range_leave_its_ends_alone(kind: type, value: int, m
     assert TransferFunction.from_dict(tf.to_dict()) == tf == TransferFunction.from_vtk(*tf.to_vtk(), 1.0)
 
 
-@pytest.mark.parametrize("kind", [np.uint8, np.int16, np.float32])
+@pytest.mark.parametrize("kind", nightly([np.uint8, np.int16, np.float32], np.uint8, np.float32))
 def test_a_mask_has_one_picture_whatever_its_type(kind: type, mapper: str) -> None:
     ball = sum(grid**2 for grid in np.mgrid[-1:1:16j, -1:1:16j, -1:1:16j]) < 0.4
     tf = TransferFunction(

@@ -121,6 +121,7 @@ def test_errors_are_one_sentence(views: ViewSet, long: Learning) -> None:
         long.wait()
 
 
+@pytest.mark.slow
 def test_it_ends_with_the_script(tmp_path: Path) -> None:
     script = f"""
 import svv

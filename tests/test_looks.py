@@ -291,6 +291,7 @@ def test_twelve_regions_and_none(cube: Scene) -> None:
             look.matched(cube, mapping)
 
 
+@pytest.mark.slow
 def test_the_commands(
     painted: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

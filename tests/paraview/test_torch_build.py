@@ -89,12 +89,16 @@ CPU, CUDA = torch_build.Torch("2.13.0+cpu", False), torch_build.Torch("2.13.0", 
 
 @pytest.mark.parametrize(
     ("choice", "gpu", "build", "line"),
-    [
+    nightly(
+        [
+            ("auto", False, CPU, "because there is no NVIDIA GPU; TORCH=cuda selects the other build"),
+            ("auto", True, CUDA, "because there is an NVIDIA GPU; TORCH=cpu selects the other build"),
+            ("cpu", True, CPU, "as you chose; TORCH=cuda selects the other build"),
+            ("cuda", False, CUDA, "as you chose; TORCH=cpu selects the other build"),
+        ],
         ("auto", False, CPU, "because there is no NVIDIA GPU; TORCH=cuda selects the other build"),
-        ("auto", True, CUDA, "because there is an NVIDIA GPU; TORCH=cpu selects the other build"),
-        ("cpu", True, CPU, "as you chose; TORCH=cuda selects the other build"),
         ("cuda", False, CUDA, "as you chose; TORCH=cpu selects the other build"),
-    ],
+    ),
 )
 def test_the_build_is_that_of_the_machine_or_of_the_user(
     torchs: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys, choice: str, gpu: bool, build, line: str

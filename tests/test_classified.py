@@ -293,6 +293,7 @@ def test_views_without_it_leave_no_file_of_others(views: tuple[ViewSet, ViewSet]
     assert not (tmp_path / CLASSIFIED).exists()
 
 
+@pytest.mark.slow
 def test_what_is_hardly_seen_is_not_pruned_away() -> None:
     """Of views with an alpha of 6 at most, nothing was left, and nothing said so."""
     z, y, x = np.indices((16, 16, 16)) - 7.5

@@ -43,15 +43,22 @@ def folder_of(path: Path) -> str:
     return f"{name} (facade)" if name in FACADES else ".".join(path.parts[:-1])
 
 
-@cache
 def imported(path: Path, source: str, text: bool = True) -> frozenset[str]:
     """Return dotted names that a module imports, relative ones made absolute, lazy ones and names as ``text`` included.
 
     'from svv.core.colour import light' is both 'svv.core.colour' and 'svv.core.colour.light': what it names may be a
     module. Of a name that is put together, such as f"svv.kernels.{name}", the certain part is returned: "svv.kernels.".
     """
+    names, in_texts = _named_in(path, source)
+    return names | in_texts if text else names
+
+
+@cache
+def _named_in(path: Path, source: str) -> tuple[frozenset[str], frozenset[str]]:
+    """Return the names that a module imports, and those in its texts."""
     package = [*path.with_suffix("").parts[:-1]]
     names: set[str] = set()
+    in_texts: set[str] = set()
     tree = ast.parse(source)
     told = {id(text) for node in ast.walk(tree) for text in _docstrings(node)}
     for node in ast.walk(tree):
@@ -61,10 +68,10 @@ def imported(path: Path, source: str, text: bool = True) -> frozenset[str]:
             base = package[: len(package) - node.level + 1] if node.level else []
             module = ".".join([*base, *([node.module] if node.module else [])])
             names |= {f"{module}.{alias.name}" for alias in node.names}
-        elif text and isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in told:
-            names |= {node.value} if re.fullmatch(NAME + r"\.?", node.value) else set()
-            names |= set(IN_TEXT.findall(node.value))
-    return frozenset(names)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in told:
+            in_texts |= {node.value} if re.fullmatch(NAME + r"\.?", node.value) else set()
+            in_texts |= set(IN_TEXT.findall(node.value))
+    return frozenset(names), frozenset(in_texts)
 
 
 def _docstrings(node: ast.AST) -> Iterator[ast.expr]:

@@ -82,7 +82,7 @@ def test_the_mistake_is_named(case: str) -> None:
     ("change", "says"),
     [
         (lambda images: images[:, :, ::-1], "mirrored left to right"),
-        (lambda images: np.rot90(images, 1, (1, 2)), "turn the pictures clockwise"),
+        pytest.param(lambda images: np.rot90(images, 1, (1, 2)), "turn the pictures clockwise", marks=pytest.mark.slow),
         (lambda images: np.rot90(images, -1, (1, 2)), "turn the pictures counter-clockwise"),
     ],
 )

@@ -317,6 +317,7 @@ def test_the_manner_can_be_chosen(balls: Scene) -> None:
         stylize_scene(balls, [gallery_picture("oil", 100)], "paper", manner="strokes")
 
 
+@pytest.mark.slow
 def test_going_on_keeps_the_strokes_of_other_regions(balls: Scene) -> None:
     first = painted(balls, mapping={0: 0}, stroke_size=BROAD)[0]
     second, report = painted(first, ("impasto",), mapping={1: 0}, go_on=True, stroke_size=BROAD)

@@ -181,6 +181,7 @@ def test_it_helps(views: tuple[ViewSet, ViewSet]) -> None:
     assert scores[0] > scores[1] + 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alone", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_command_says_what_it_learned_from(
     views: tuple[ViewSet, ViewSet], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, alone: bool
@@ -292,6 +293,7 @@ def test_views_without_it_leave_no_file_of_others(views: tuple[ViewSet, ViewSet]
     assert not (tmp_path / CLASSIFIED).exists()
 
 
+@pytest.mark.slow
 def test_what_is_hardly_seen_is_not_pruned_away() -> None:
     """Of views with an alpha of 6 at most, nothing was left, and nothing said so."""
     z, y, x = np.indices((16, 16, 16)) - 7.5

@@ -24,6 +24,7 @@ from svv.errors import BadInput, Cancelled
 from svv.io.views.camera_file import read_camera, read_cameras
 from svv_bench import cli as bench
 from tests.cube import cube_scene
+from tests.nightly import nightly
 from tests.wheels import make_installed
 
 COMMANDS = [
@@ -62,7 +63,7 @@ def test_no_colour(text: str) -> None:
         parse_colour(text)
 
 
-@pytest.mark.parametrize("name", ["chart", "stability"])
+@pytest.mark.parametrize("name", nightly(["chart", "stability"], "chart"))
 def test_without_matplotlib_a_command_that_draws_says_so_before_it_begins(name: str, tmp_path: Path) -> None:
     without = "import sys; sys.modules['matplotlib'] = None; from svv.cli.app import main; main()"
     what = {"chart": str(tmp_path / "views"), "stability": "--case=easy"}[name]

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,6 +36,7 @@ from svv.options import figures
 from svv.render.distinct import distinct
 from svv.render.figures.colour_check import regions_to_json, report_on, seen_in_picture, simulation_sheet
 from tests.cube import cube_paint
+from tests.nightly import nightly
 
 WHITE = np.ones((1, 3))
 COLOURS = np.random.default_rng(0).random((50, 3))
@@ -111,9 +113,9 @@ def test_panels_and_commands_offer_the_ways_that_are_computed() -> None:
 @pytest.mark.parametrize(
     "palette",
     [
-        [(0.8, 0.2, 0.1), (0.2, 0.6, 0.2)],
+        pytest.param([(0.8, 0.2, 0.1), (0.2, 0.6, 0.2)], marks=pytest.mark.slow),
         [(0.8, 0.2, 0.1), (0.75, 0.25, 0.1), (0.2, 0.6, 0.2), (0.3, 0.55, 0.2)],
-        [(1.0, 1.0, 0.9), (0.98, 1.0, 0.95)],
+        pytest.param([(1.0, 1.0, 0.9), (0.98, 1.0, 0.95)], marks=pytest.mark.slow),
         [(0.5, 0.5, 0.5)] * 3,
     ],
 )
@@ -155,18 +157,20 @@ def similar(balls: Scene) -> Scene:
     return balls.edited(0, colour=(0.75, 0.3, 0.15), name="left").edited(1, colour=(0.42, 0.47, 0.12), name="right")
 
 
-def test_regions_that_merge_are_found_and_mended(similar: Scene) -> None:
+@pytest.mark.parametrize(
+    ("how", "visions"), nightly([("colours", COLOUR_VISIONS), ("lightness", VISIONS)], ("lightness", VISIONS))
+)
+def test_regions_that_merge_are_found_and_mended(similar: Scene, how: Any, visions: tuple[str, ...]) -> None:
     seen = list(seen_in(similar).values())
     report = report_on(seen)
     assert report["smallest"]["normal"]["difference"] > LEAST_DIFFERENCE
     assert {pair["vision"] for pair in report["merging"]} & {"protanopia", "deuteranopia"}
     assert {report["merging"][0]["first"], report["merging"][0]["second"]} == {"left", "right"}
-    for how, visions in (("colours", COLOUR_VISIONS), ("lightness", VISIONS)):
-        mended = distinct(similar, how)  # type: ignore[arg-type]
-        assert mended.nearest is not None and mended.nearest.difference >= LEAST_DIFFERENCE
-        after = report_on(list(seen_in(mended.scene).values()))
-        assert not [pair for pair in after["merging"] if pair["vision"] in visions]
-        assert mended.scene.undone().regions == similar.regions
+    mended = distinct(similar, how)
+    assert mended.nearest is not None and mended.nearest.difference >= LEAST_DIFFERENCE
+    after = report_on(list(seen_in(mended.scene).values()))
+    assert not [pair for pair in after["merging"] if pair["vision"] in visions]
+    assert mended.scene.undone().regions == similar.regions
 
 
 def test_what_is_painted_keeps_its_colours(cube: Scene) -> None:

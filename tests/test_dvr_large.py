@@ -30,6 +30,7 @@ from svv.io.views.viewset import ViewSet
 from svv.options.making import MapperName
 from svv_bench.volume_size.generated import GeneratedSource
 from svv_bench.volume_size.written import write_meta
+from tests.nightly import nightly
 from tests.stirred_volume import stirred_transfer_function, stirred_volume
 
 SHADINGS = {"ParaView's": Shading(), "glossy": Shading(ambient=0.2, diffuse=0.6, specular=0.5, specular_power=8.0)}
@@ -48,7 +49,7 @@ def tf() -> TransferFunction:
     return stirred_transfer_function().mapped(255.0, 0.0)
 
 
-@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("projection", nightly(["perspective", "orthographic"], "perspective"))
 @pytest.mark.parametrize("axes", AXES)
 @pytest.mark.parametrize("shading", SHADINGS)
 def test_images_are_those_of_vtk(shading: str, axes: str, projection: str) -> None:
@@ -232,7 +233,7 @@ def test_values_that_coarser_levels_average_away_look_as_they_should(kind: str) 
     assert np.abs(drawn - views.images).max() <= 1
 
 
-@pytest.mark.parametrize("width", [1e-1, 1e-3, 3e-5])
+@pytest.mark.parametrize("width", nightly([1e-1, 1e-3, 3e-5], 3e-5))
 def test_a_function_is_resolved_where_it_varies_at_both_ends_of_a_wide_range(width: float) -> None:
     """Two phases, each within a small part of the range: below a ten-thousandth, the table showed them by chance."""
     share = to_array(stirred_volume(24)).astype(np.float64)
@@ -264,7 +265,7 @@ def test_values_that_are_no_numbers_are_refused_wherever_they_are() -> None:
             render_views(LargeVolume(source, 1 << 28, source.name), seen, [camera], "bricks")
 
 
-@pytest.mark.parametrize("far", [1e3, 1e5, 1e9, -1e5, -1e9])
+@pytest.mark.parametrize("far", nightly([1e3, 1e5, 1e9, -1e5, -1e9], 1e9, -1e5))
 def test_a_single_value_far_away_changes_nothing_but_its_neighbours(far: float) -> None:
     """The table of colours is one of the values that are told apart, not of all from the smallest to the largest."""
     axis = np.linspace(-1.0, 1.0, 24)

@@ -67,7 +67,9 @@ def test_a_camera_that_looks_past_it_is_told(folder: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:Regions look alike")  # those of the cube do
-def test_a_figure_of_nothing_is_refused_and_an_empty_panel_told(folder: Path) -> None:
+def test_a_figure_of_nothing_is_refused_and_an_empty_panel_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, size in {"figure.SWATCH_VIEW": 48, "swatches.LIGHT_VIEW": 24, "framing.PREVIEW": 64}.items():
+        monkeypatch.setattr(f"svv.render.figures.{name}", size)
     done = run("figure", folder / "hidden.svv", "--dpi", 50, "--out", folder / "a.png")
     assert isinstance(done.exception, BadInput) and not (folder / "a.png").exists()
     assert str(done.exception).startswith(f"Nothing is visible in the figure, because {HIDDEN}: show regions with")

@@ -27,6 +27,7 @@ from svv.train.paint.techniques import TECHNIQUES
 from svv.train.pipeline import stylize_scene
 from svv.train.run.report import Report
 from tests.balls import SHORT
+from tests.nightly import nightly
 from tests.test_brushing import EMPTY, WIDTH, ball
 from tests.test_strokes import curved
 
@@ -178,7 +179,7 @@ def letters(seed: int) -> np.ndarray:
     return page
 
 
-@pytest.mark.parametrize("name", ["noise", "plain", "text", "grey gradient", "grey noise"])
+@pytest.mark.parametrize("name", nightly(["noise", "plain", "text", "grey gradient", "grey noise"], "noise", "text"))
 def test_pictures_without_a_hand_are_oil(name: str) -> None:
     noise = np.random.default_rng(0).random((200, 200, 3)).astype(np.float32)
     picture = {

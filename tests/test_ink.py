@@ -35,6 +35,7 @@ from svv.train.paint.ink_kernels import flat_distance
 from svv.train.paint.quilt import LIGHT
 from svv.train.paint.style_choice import mean_colour, validate_masks
 from svv.train.paint.surface_form import form_of_opacity
+from tests.nightly import nightly
 from tests.test_painting import CELLS, GRID, UP, on_tube, tube
 
 HATCHING = INKS["hatching"]
@@ -183,7 +184,7 @@ def test_larger_strokes_are_larger() -> None:
 
 
 @pytest.mark.parametrize("kind", INKS)
-@pytest.mark.parametrize("size", [0.25, 4.0])
+@pytest.mark.parametrize("size", nightly([0.25, 4.0], 0.25))
 @pytest.mark.parametrize("radius", [0.004, 0.03])
 def test_what_is_thinner_than_a_stroke_is_drawn_too(kind: str, size: float, radius: float) -> None:
     axis = np.array([0.0, 1.0, 0.0])

@@ -157,7 +157,7 @@ def test_several_transfer_functions_make_one_scene(tmp_path: Path) -> None:
     volume = tmp_path / "ball.vti"
     pv.wrap(moved_ball(0.0)).save(volume)
     assert command("views", volume, *functions, *sizes, "--out", tmp_path / "views") == 0
-    learning = ("--preset", "draft", "--encoding", "values", "--time-limit", "2")
+    learning = ("--preset", "draft", "--encoding", "values", "--time-limit", "1")
     assert command("train", tmp_path / "views", *learning, "--out", tmp_path / "both.svv") == 0
     both = Scene.load(tmp_path / "both.svv")
     counts = [len(Scene.load(tmp_path / f"both.{name}.svv").regions) for name in ("core", "shell")]

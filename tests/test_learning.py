@@ -121,6 +121,7 @@ def test_errors_are_one_sentence(views: ViewSet, long: Learning) -> None:
         long.wait()
 
 
+@pytest.mark.slow
 def test_it_ends_with_the_script(tmp_path: Path) -> None:
     script = f"""
 import svv
@@ -133,6 +134,7 @@ print(learning._worker.pid, learning._worker.folder, flush=True)
     assert has_ended(int(process)) and not Path(folder).exists()
 
 
+@pytest.mark.slow
 def test_a_killed_script_resumes(views: ViewSet, tmp_path: Path) -> None:
     checkpoint = tmp_path / "ball.checkpoint"
     learning = svv.train_scene(
@@ -159,6 +161,7 @@ def test_few_views_from_all_sides(views: ViewSet) -> None:
     assert len(SKETCHES[1].few(views)) == 6 and SKETCHES[1].few(views).images.shape[1] == 32
 
 
+@pytest.mark.usefixtures("small_stills")
 def test_a_page_follows_a_file(tmp_path: Path) -> None:
     file = tmp_path / "cube.svv"
     follower = Follower(file)

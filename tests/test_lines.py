@@ -15,6 +15,7 @@ from svv.styles.gallery.textures import style_picture
 from svv.train.lpips import Lpips
 from svv_bench.styles.lines import LEAST_PIXELS, MEASURES, StyleLines, find_ridges, interior, shuffled, traced, turned
 from svv_bench.styles.statistics import StyleJudge
+from tests.nightly import nightly
 
 Picture = NDArray[np.floating]
 SIZE = 256
@@ -70,14 +71,14 @@ def test_noise_of_a_style_s_colours_is_the_unit(drawn: dict[str, Picture]) -> No
     assert found["lines: strength"] < 1  # noise has strokes' strengths, without their form
 
 
+@pytest.mark.parametrize("by", nightly([1, 37, 100], 37))
 def test_a_shift_with_what_leaves_coming_in_changes_little(
-    drawn: dict[str, Picture], judged: dict[str, StyleLines]
+    drawn: dict[str, Picture], judged: dict[str, StyleLines], by: int
 ) -> None:
     for name, picture in drawn.items():
         whole = StyleLines.of(picture)
         other = min(whole.distances(q)["lines"] for n, q in drawn.items() if n != name)
-        for by in (1, 37, 100):
-            assert whole.distances(np.roll(picture, by, 1))["lines"] < min(0.03, 0.2 * other)
+        assert whole.distances(np.roll(picture, by, 1))["lines"] < min(0.03, 0.2 * other)
 
 
 def test_the_more_a_drawing_is_blurred_the_further_it_is() -> None:
@@ -105,6 +106,7 @@ def test_mud_is_further_than_a_crisp_crop(
         assert lines.distances(crisp)["lines"] < 0.5 * lines.distances(mud(crisp, blur))["lines"]
 
 
+@pytest.mark.slow
 def test_alexnet_too_puts_mud_behind_a_crisp_crop(drawn: dict[str, Picture], published) -> None:
     network = Lpips()
     network.load_state_dict(published("alexnet"))

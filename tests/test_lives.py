@@ -14,6 +14,7 @@ from svv.core.strokes.strokes import Strokes, joined, straight_stroke
 from svv.fields.strokes.advected import Field
 from svv.fields.strokes.flocks import Flocks
 from svv.fields.strokes.lives import GROWN, Lives, Stage, at_step, lived
+from tests.nightly import nightly
 
 CELLS, STEPS, PAINTED, LEVEL, WIDTH = 40, 9, 4, 0.5, 0.04
 
@@ -122,7 +123,7 @@ def check_covered(there: Strokes, balls: list[tuple[tuple[float, float, float], 
         assert np.quantile(away, 0.97) < 2.5 * WIDTH, centre
 
 
-@pytest.mark.parametrize("balls", [still, moving, appears, vanishes, divides, grows])
+@pytest.mark.parametrize("balls", nightly([still, moving, appears, vanishes, divides, grows], appears, grows))
 def test_every_surface_is_covered_and_nothing_comes_back(balls: Balls) -> None:
     """Each stroke has one span of steps; what was covered by the painting's measure is so in all steps."""
     strokes, lives, stage = story(balls)
@@ -215,7 +216,7 @@ class Live:
 FORTH, BACK = range(PAINTED + 1, STEPS), range(PAINTED - 1, -1, -1)
 
 
-@pytest.mark.parametrize("balls", [still, moving, appears, vanishes, divides, grows])
+@pytest.mark.parametrize("balls", nightly([still, moving, appears, vanishes, divides, grows], moving, divides))
 def test_what_is_played_is_covered_and_looks_the_same_again(balls: Balls) -> None:
     """In whichever order: the ends in turn, and then all steps again."""
     live = Live(balls)

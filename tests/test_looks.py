@@ -65,7 +65,7 @@ def test_a_scene_keeps_its_style_pictures_in_its_file(painted: Scene, tmp_path: 
 
 def test_paintings_share_a_picture_in_the_file_and_lose_it_with_the_painting(painted: Scene) -> None:
     styles = [StyleInput(PICTURE, "noise")]
-    two, _ = stylize_scene(painted, styles, "draft", variant="two", mapping={1: 0}, manner="strokes")
+    two, _ = stylize_scene(painted, styles, "draft", variant="two", mapping={1: 0}, manner="strokes", stroke_size=3.0)
     _, tensors = two.to_arrays()
     assert len([name for name in tensors if name.startswith("picture.")]) == 2  # picture and mask
     loaded = Scene.from_bytes(two.to_bytes()).with_variant("styled")
@@ -76,7 +76,7 @@ def test_paintings_share_a_picture_in_the_file_and_lose_it_with_the_painting(pai
 def test_pictures_of_the_same_name_are_both_kept(cube: Scene) -> None:
     other = 1.0 - PICTURE
     styles = [StyleInput(PICTURE, "same"), StyleInput(other, "same")]
-    scene, _ = stylize_scene(cube, styles, "draft", mapping={0: 0, 1: 1}, manner="strokes")
+    scene, _ = stylize_scene(cube, styles, "draft", mapping={0: 0, 1: 1}, manner="strokes", stroke_size=3.0)
     look = Look.of(scene)
     for region, picture in ((0, PICTURE), (1, other)):
         name = look.regions[region].style
@@ -291,6 +291,7 @@ def test_twelve_regions_and_none(cube: Scene) -> None:
             look.matched(cube, mapping)
 
 
+@pytest.mark.slow
 def test_the_commands(
     painted: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

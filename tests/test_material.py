@@ -334,7 +334,11 @@ def test_colours_are_right_where_normals_are_not(name: str, shading: Shading | N
 
 
 @pytest.mark.parametrize(
-    "shading", [Shading(on=False), Shading(ambient=0.3, diffuse=0.6, specular=0.3, specular_power=20.0)],
+    "shading",
+    [
+        pytest.param(Shading(on=False), marks=pytest.mark.slow),
+        Shading(ambient=0.3, diffuse=0.6, specular=0.3, specular_power=20.0),
+    ],
     ids=["unlit", "shiny"],
 )  # fmt: skip
 def test_one_material_is_one_region_however_it_is_lit(shading: Shading) -> None:
@@ -362,6 +366,7 @@ def test_a_palette_given_by_hand_tells_brightnesses_of_one_hue_apart() -> None:
     assert overlap(scene, train, owners_of(scene, train, truth, 0)).min() > 0.9
 
 
+@pytest.mark.slow
 def test_the_same_seed_finds_the_same_regions() -> None:
     scene, train = drawn("easy", size=64)
     palette = palette_of(train, scene.occupancy, 0)

@@ -30,7 +30,9 @@ def centre(at: float) -> np.ndarray:
     return np.array(ORIGIN) + np.array(SPACING) * (SIDE - 1) * np.array([at, 0.5, 0.5])
 
 
-@pytest.mark.parametrize("order", [(0.35, 0.4, 0.45, 0.5), (0.4, 0.35, 0.5, 0.45, 0.35)])
+@pytest.mark.parametrize(
+    "order", [pytest.param((0.35, 0.4, 0.45, 0.5), marks=pytest.mark.slow), (0.4, 0.35, 0.5, 0.45, 0.35)]
+)
 def test_the_ball_comes_from_where_it_was(order: tuple[float, ...]) -> None:
     moving = Moving(ball(0.3), (0.0, 200.0), 0.3)
     for at in order:

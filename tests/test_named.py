@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import importlib
 import re
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -62,8 +61,10 @@ def text_of(node: ast.AST) -> str | None:
     return None
 
 
-def texts(folder: Path) -> Iterator[tuple[str, str]]:
+@cache
+def texts(folder: Path) -> tuple[tuple[str, str], ...]:
     """Every text of several words, with its place, but docstrings; those of filters are help in ParaView's window."""
+    found: list[tuple[str, str]] = []
     for path in sorted(folder.rglob("*.py")):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         skipped: set[ast.AST] = set()
@@ -77,7 +78,8 @@ def texts(folder: Path) -> Iterator[tuple[str, str]]:
         for node in ast.walk(tree):
             text = None if node in skipped else text_of(node)
             if text and " " in text.strip():
-                yield f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}", " ".join(text.split())
+                found.append((f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}", " ".join(text.split())))
+    return tuple(found)
 
 
 # --- ParaView -------------------------------------------------------------------------------------------------------

@@ -40,7 +40,7 @@ def test_a_window_does_not_end_the_training_after_it(tmp_path: Path) -> None:
     assert done.stdout.endswith("alive\n")
 
 
-@pytest.mark.parametrize("asked", [None, "ACTIVE"])
+@pytest.mark.parametrize("asked", [None, pytest.param("ACTIVE", marks=pytest.mark.slow)])
 def test_threads_of_torch_do_not_spin_unless_the_user_says_so(asked: str | None) -> None:
     environ = {name: value for name, value in os.environ.items() if not name.startswith(("OMP_", "GOMP_", "KMP_"))}
     environ |= {"OMP_DISPLAY_ENV": "true", **({} if asked is None else {"OMP_WAIT_POLICY": asked})}

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from svv.core.colour.colour import hsb_array, hue_distance, rgb_array
 from svv.core.colour.palette import Array, Palette, PaletteSettings, extract_palette
 from svv.errors import BadInput
+from tests.nightly import nightly
 
 RED, GREEN, BLUE = (0.9, 0.15, 0.1), (0.15, 0.85, 0.3), (0.1, 0.3, 1.0)
 YELLOW, ORANGE = (1.0, 0.85, 0.15), (1.0, 0.5, 0.2)
@@ -78,7 +79,7 @@ def test_any_spread_of_hues(start: float, count: int, saturation: float, value: 
     assert_hues(extract_palette(*scene(colours.tolist(), 4000, seed=seed)), colours.tolist(), within=0.05)
 
 
-@pytest.mark.parametrize("count", [5, 6, 7, 8])
+@pytest.mark.parametrize("count", nightly([5, 6, 7, 8], 5, 8))
 @pytest.mark.parametrize("step", ["even", "golden"])
 @pytest.mark.parametrize("mixed", [0.05, 0.5])
 def test_up_to_eight_ranges_though_some_could_be_mixed_of_others(count: int, step: str, mixed: float) -> None:

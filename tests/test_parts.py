@@ -360,6 +360,7 @@ def test_the_extinction_at_a_point_is_that_of_a_sample(encoding: str) -> None:
         torch.testing.assert_close(base.extinction_at(samples.position), base.extinction(samples), rtol=1e-5, atol=0)
 
 
+@pytest.mark.slow
 def test_a_scene_of_the_papers_hash_grid_is_split(cube: Scene) -> None:
     settings = FieldSettings("hash", (4, 8), levels=2, log2_entries=10, width=16)
     torch.manual_seed(0)

@@ -161,6 +161,12 @@ def test_interpolation_is_the_actors_or_the_propertys(plotter: Any) -> None:
     actor = add(plotter)
     actor.prop.SetInterpolationTypeToNearest()
     assert make_views(plotter, **TINY)[0].meta.nearest and make_views(image(), actor.prop, **TINY)[0].meta.nearest
+
+
+@pytest.mark.slow
+def test_a_mesh_is_resampled_and_interpolated_whatever_its_property_says(plotter: Any) -> None:
+    actor = add(plotter)
+    actor.prop.SetInterpolationTypeToNearest()
     mesh = make_views(sheared(), actor.prop, **TINY)[0].meta
     assert not mesh.nearest and mesh.assumed is not None and "was resampled to" in mesh.assumed
 

@@ -16,6 +16,7 @@ from svv.train.base.resolutions import fitted_field
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
 from tests.balls import SHORT, two_balls
+from tests.nightly import nightly
 from tests.solid_ball import solid_ball
 
 CENTRE, RADIUS, AWAY, FOV = np.array([2.0, -1.0, 0.5]), 0.6, 4.0, 0.5
@@ -105,7 +106,7 @@ def test_close_views_carve_nothing_that_they_do_not_see() -> None:
     assert hull.occupied[outside].sum() < 0.02 * ball.sum()  # specks far out that hardly any view sees
 
 
-@pytest.mark.parametrize("span", [None, 0.6 * SPAN])
+@pytest.mark.parametrize("span", nightly([None, 0.6 * SPAN], None))
 def test_a_subject_larger_than_every_frame_is_in_the_box(span: float | None) -> None:
     """No frame holds the ball, so its outline is not known; but all of it that some view sees belongs to the hull."""
     radius = 0.9

@@ -174,9 +174,8 @@ def accuracy(views: ViewSet, preset: Preset) -> tuple[np.ndarray, list[float]]:
     return both / either, region_overlaps(scene, views, volume)
 
 
-@pytest.mark.parametrize(
-    "hue", [pytest.param(BLUE, marks=pytest.mark.slow), RED], ids=["of its own hue", "of the core's hue"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("hue", [BLUE, RED], ids=["of its own hue", "of the core's hue"])
 def test_trained_regions_are_the_ranges(hue: tuple[float, float, float]) -> None:
     """A translucent shell around a red core: each region is nine tenths its range at least."""
     tf = bumps((0.3, 0.4, 0.1, hue), (0.8, 0.5, 0.8, RED))

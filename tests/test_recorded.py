@@ -69,6 +69,7 @@ def test_a_number_is_there_or_is_put_there() -> None:
     assert number_on(0, CPU).dtype == torch.int32 and float(number_on(0.25, CPU)) == 0.25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", nightly([0, 1], 0), ids=["stage 1", "stage 2"])
 def test_a_step_that_reads_its_numbers_on_the_gpu_is_the_same(stage: int, monkeypatch: pytest.MonkeyPatch) -> None:
     ends = []

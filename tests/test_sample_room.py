@@ -51,6 +51,7 @@ def marched(samples: int | None, dropped: torch.Tensor, monkeypatch: pytest.Monk
     return march(Rays(origins, directions), occupancy, lattice.to(DEVICE), marching, jitter, 0, room).to(CPU)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", nightly([0.0, 0.4, 1.0, 2.0], 0.4))
 def test_rays_without_room_are_counted_and_the_others_are_as_they_were(
     part: float, monkeypatch: pytest.MonkeyPatch

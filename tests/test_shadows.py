@@ -76,7 +76,7 @@ def camera_above(size: int) -> Camera:
 @pytest.mark.parametrize(
     ("shape", "size", "directions"),
     [
-        (clouds, 20, 12),
+        pytest.param(clouds, 20, 12, marks=pytest.mark.slow),
         (fog, 8, 12),
         pytest.param(ball_in_ring, 24, 12, marks=pytest.mark.slow),
         pytest.param(ball_in_thin_shell, 20, 12, marks=pytest.mark.slow),

@@ -20,6 +20,7 @@ from svv.train.splats.fit import fit_splats
 from svv.train.splats.raster import Eye, Gaussians, draw
 from svv.train.splats.starting import cameras_around, quaternions_of, turns_of
 from tests.cube import cube_scene, faint, hash_cube_scene
+from tests.nightly import nightly
 from tests.solid_ball import solid_ball
 
 SIDE = 64
@@ -93,7 +94,7 @@ def test_regions_and_their_edits_are_in_the_splats(balls: Scene) -> None:
     assert colour[1] > colour[0] + 0.2 and colour[1] > colour[2] + 0.2
 
 
-@pytest.mark.parametrize("kind", ["joined", "hash grid", "cut", "base network"])
+@pytest.mark.parametrize("kind", nightly(["joined", "hash grid", "cut", "base network"], "joined", "cut"))
 def test_scenes_of_every_kind_become_splats(kind: str) -> None:
     """Members of a joined scene add up; a scene without a lattice, a cut one, and one without regions look the same."""
     scene, network = faint(cube_scene(), 3.0), None

@@ -226,7 +226,11 @@ def test_stopped_work_goes_on_only_with_the_same_masks(
     assert first in labels
 
 
-@pytest.mark.parametrize("other", [lambda p: p[:, ::-1], lambda p: np.roll(p, 7, 1)], ids=["mirrored", "moved"])
+@pytest.mark.parametrize(
+    "other",
+    [lambda p: p[:, ::-1], pytest.param(lambda p: np.roll(p, 7, 1), marks=pytest.mark.slow)],
+    ids=["mirrored", "moved"],
+)
 def test_another_picture_of_the_same_pixels_does_not_go_on(
     scene: Scene, picture: np.ndarray, tmp_path: Path, other: Callable[[np.ndarray], np.ndarray]
 ) -> None:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from svv.styles.gallery.textures import STYLE_PICTURES, rank, spectrum_noise, style_picture
+from tests.nightly import nightly
 
 
-@pytest.mark.parametrize("name", STYLE_PICTURES)
+@pytest.mark.parametrize("name", nightly(STYLE_PICTURES, "brush strokes"))
 def test_style_pictures_are_colourful_and_full_of_strokes(name: str) -> None:
     picture = style_picture(name, 160)
     assert picture.shape == (160, 160, 3) and picture.dtype == np.float32

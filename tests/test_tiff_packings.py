@@ -20,6 +20,7 @@ from svv.bricks.opened import open_bricks  # noqa: E402
 from svv.dvr.read.grids import to_array  # noqa: E402
 from svv.dvr.read.volumes import read_here  # noqa: E402
 from svv.errors import BadInput  # noqa: E402
+from tests.nightly import nightly  # noqa: E402
 
 WITHOUT_CODECS = pytest.mark.skipif(find_spec("imagecodecs") is not None, reason="imagecodecs reads all of these")
 
@@ -70,7 +71,14 @@ KINDS = ("<u1", "<i1", ">u2", "<i2", "<u4", "<f2", ">f4", "<f8")
 CASES = [(packing, kind) for packing in (None, "packbits", "zlib", "lzw", "zstd") for kind in KINDS]
 
 
-@pytest.mark.parametrize(("packing", "dtype"), [*CASES, (None, "?"), ("packbits", "?"), ("zlib", "?")])
+@pytest.mark.parametrize(
+    ("packing", "dtype"),
+    nightly(
+        [*CASES, (None, "?"), ("packbits", "?"), ("zlib", "?")],
+        *((None, kind) for kind in KINDS), ("packbits", "?"), ("packbits", "<i2"), ("lzw", ">u2"), ("lzw", "<f8"),
+        *(("zlib", kind) for kind in KINDS), ("zstd", "<u1"), ("zstd", ">f4"),
+    ),
+)  # fmt: skip
 def test_values_are_the_stored_ones(packing: str | None, dtype: str, tmp_path: Path, packers: None) -> None:
     """Whether white is 0 or black, in strips or tiles, with a predictor or without, in either order of bytes."""
     values = letter(dtype)

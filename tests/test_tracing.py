@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 
 from svv.core.view_checks.agreement import CLEANED, CONTRASTS, OPACITIES, Tracing, some_of, step_of
 from svv.core.view_checks.silhouettes import Silhouettes
+from tests.nightly import nightly
 
 Images = NDArray[np.uint8]
 Masks = list[NDArray[np.bool_]]
@@ -118,7 +119,7 @@ def test_silhouettes_are_those_of_masks(kind: str, count: int, height: int, widt
     same(images, np.arange(count), Tracing(images))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", nightly(KINDS, "hard", "clouds"))
 def test_large_pictures_are_thinned_out(kind: str) -> None:
     rng = np.random.default_rng(5)
     images = KINDS[kind](discs(9, 601, 1003, rng), rng)

@@ -261,6 +261,7 @@ def test_training_takes_the_same_way_on_every_kernel(kernels: Kernels, monkeypat
     assert picture[..., 3].max() > 0.2
 
 
+@pytest.mark.slow
 def test_training_begins_the_same_way_in_the_interpreter(monkeypatch: pytest.MonkeyPatch) -> None:
     """One step on the Triton kernels, forward, backward and Adam, and the loss after it; the interpreter is slow."""
     ends = []

@@ -35,6 +35,7 @@ def test_rays_with_no_and_with_many_samples(counts: list[int]) -> None:
     stroke_checks.check_strokes(triton_kernels, DEVICE, 3, "oil", counts)
 
 
+@pytest.mark.slow
 def test_strokes_far_apart_leave_the_ground_of_the_nearest() -> None:
     """Where two strokes are far apart, most of what is near one is bare, and its colour is a question of distance."""
     stroke_checks.check_strokes(triton_kernels, DEVICE, 1, "oil", COUNTS, strokes=2, soft=0.002)

@@ -94,7 +94,7 @@ def test_two_arrays_make_one_scene_of_two_layers(flow: Path) -> None:
     sizes = ("--n", "6", "--test", "0", "--size", "40", "--mapper", "cpu")
     both = ("views", flow / "flow.vti", "--array", "heat", "--array", "speed", *functions, *sizes)
     assert command(*both, "--out", flow / "views") == 0
-    learning = ("--preset", "draft", "--encoding", "values", "--time-limit", "2")
+    learning = ("--preset", "draft", "--encoding", "values", "--time-limit", "1")
     assert command("train", flow / "views", *learning, "--out", flow / "both.svv") == 0
     scene = Scene.load(flow / "both.svv")
     assert [r.layer for r in scene.regions] == [0, 1]

@@ -12,6 +12,7 @@ from svv.core.geometry.phi_theta import paraview_rotations
 from svv.core.view_checks.silhouettes import Silhouettes, best_fov, disagreement_of
 from svv.io.cinema.placing import FINEST, MUCH_WORSE, cameras_about, first_of_each
 from svv.io.cinema.shot import Shot, fov_x, view_angle
+from tests.nightly import nightly
 
 Angles = list[tuple[float, float]]
 CUBE = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
@@ -55,7 +56,7 @@ def database(seed: int) -> tuple[float, list[Camera], list[Camera], list[NDArray
     return angle, true, unit, [mask(camera, corners) for camera in true]
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", nightly(range(20), *range(6)))
 def test_the_view_angle_is_found_to_a_degree_and_the_true_one_accepted(seed: int) -> None:
     angle, true, unit, masks = database(seed)
     silhouettes = Silhouettes.of(masks)

@@ -98,6 +98,7 @@ def test_what_becomes_transparent_is_background(scene: Scene) -> None:
     assert changed.occupancy.fraction < scene.occupancy.fraction
 
 
+@pytest.mark.slow
 def test_what_was_hidden_is_told(scene: Scene) -> None:
     """The inside of an opaque ball, which is then a fog."""
     solid, fog = (bumps((0.55, 0.9, opacity, RED)) for opacity in (1.0, 0.02))

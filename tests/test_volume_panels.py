@@ -117,11 +117,23 @@ def test_a_volume_is_known_again_wherever_it_is(
     [
         (lambda v, made: v.unlink(), "the volume ball.vti is not beside the scene; name its file with --volume"),
         (lambda v, made: write_image(v, ball(0.41)), "ball.vti is not the volume that the scene was trained on"),
-        (lambda v, made: v.write_bytes(b"nothing"), "ball.vti is not the volume that the scene was trained on"),
+        pytest.param(
+            lambda v, made: v.write_bytes(b"nothing"),
+            "ball.vti is not the volume that the scene was trained on",
+            marks=pytest.mark.slow,
+        ),
         (lambda v, made: made.pop("source"), "does not say which volume it was trained on"),
         (lambda v, made: made.update({FOLLOWED: True}), "shows another time step"),
-        (lambda v, made: made["source"].update(volume="../data/ball.vti"), "is not beside the scene"),
-        (lambda v, made: made["source"]["file"].update(dims="many"), "must be a list of 3 values"),
+        pytest.param(
+            lambda v, made: made["source"].update(volume="../data/ball.vti"),
+            "is not beside the scene",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            lambda v, made: made["source"]["file"].update(dims="many"),
+            "must be a list of 3 values",
+            marks=pytest.mark.slow,
+        ),
         (lambda v, made: made["source"]["file"].pop("content") and write_image(v, ball(0.3)), "or has changed"),
     ],
 )

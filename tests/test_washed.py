@@ -17,6 +17,7 @@ from svv.styles.gallery import gallery_picture
 from svv.styles.hand import measure_hand
 from svv.train.paint.brushwork import Painter
 from svv.train.paint.stroke_painting import glaze_of
+from tests.nightly import nightly
 from tests.test_brushing import BROAD, EMPTY, WIDTH, ball, painted
 
 
@@ -32,7 +33,7 @@ def test_a_region_without_room_for_strokes_is_washed_and_named(
 
 
 @pytest.mark.parametrize("technique", ["watercolour", "ink-wash"])
-@pytest.mark.parametrize("radius", [0.8, 1.5, 3.0])
+@pytest.mark.parametrize("radius", nightly([0.8, 1.5, 3.0], 0.8))
 def test_washes_cover_bodies_that_are_smaller_than_their_strokes(technique: HandName, radius: float) -> None:
     hand = replace(measure_hand(gallery_picture("watercolour", 300)), technique=technique)
     painter = Painter(hand, ball(radius * WIDTH), EMPTY, 64, WIDTH, 0.004, 0)

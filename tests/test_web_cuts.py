@@ -32,8 +32,9 @@ def dense(balls: Scene) -> Scene:
     "cuts",
     [
         pytest.param(("x>55%",), marks=pytest.mark.slow),
-        ("x>50%&y>50%", "outside sphere:0,0,0:0.8"),
-        ("0=z>50%", "1=cylinder:0,0,0:1,0.5,0:0.3"),
+        pytest.param(("x>50%&y>50%", "outside sphere:0,0,0:0.8"), marks=pytest.mark.slow),
+        pytest.param(("0=z>50%", "1=cylinder:0,0,0:1,0.5,0:0.3"), marks=pytest.mark.slow),
+        ("0=x>50%&y>50%", "1=cylinder:0,0,0:1,0.5,0:0.3", "outside sphere:0,0,0:0.8"),
         pytest.param(("x>200%",), marks=pytest.mark.slow),
     ],
 )

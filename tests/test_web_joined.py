@@ -192,6 +192,7 @@ def test_graphics_that_hold_less_than_all_layers(open_page: Any, both: Scene, pa
     assert COARSE < close[1] < close[0]
 
 
+@pytest.mark.usefixtures("small_stills")
 def test_a_part_that_was_split_off_is_listed_with_its_function() -> None:
     """It has the scene's last number, though the page lists it before the other function's regions."""
     split = joined([loose_balls(), loose_balls((TOP,))]).split_at(in_world(RIGHT))

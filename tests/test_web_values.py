@@ -85,6 +85,7 @@ def test_pages_read_off_what_python_does(open_page: Any, tmp_path: Path, count: 
     assert known > 20 * count
 
 
+@pytest.mark.slow
 def test_a_click_says_what_probe_does(open_page: Any, tmp_path: Path) -> None:
     scene = stepped(keeping(solid_ball(2.5), linear))
     write_html(tmp_path / "a.html", scene, "a", options=PageOptions(values=True, value_unit="HU"))

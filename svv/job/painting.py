@@ -83,7 +83,7 @@ def paint(  # noqa: PLR0913 - what shows the volume, and how it is painted
     >>> z, y, x = np.mgrid[-1:1:24j, -1:1:24j, -1:1:24j]
     >>> array = 1.0 - np.sqrt(x**2 + 2.0 * y**2 + 3.0 * (z - 0.2) ** 2) + 0.2 * x
     >>> style = np.random.default_rng(0).random((64, 64, 3), np.float32)
-    >>> small = {"preset": "draft", "n": 12, "size": 48, "time_limit": 3.0, "tell": lambda said: None}
+    >>> small = {"preset": "draft", "n": 12, "size": 48, "time_limit": 1.0, "tell": lambda said: None}
     >>> painted = svv.paint(array, style, cmap="viridis", opacity="linear", spacing=(1, 1, 1), **small)
     >>> painted.networks, painted.render("xy").rgba.shape
     (('base', 'pcn', 'styled'), (800, 800, 4))

@@ -18,8 +18,8 @@ LONG = {{**FEW, "Settings": "reconstruct.iterations=20000"}}
 folder = sys.argv[1]
 
 def make(style="brush", window=1, **values):
-    filter = StyleRFStylizedView(Input=wavelet, StyleFiles=[f"{{folder}}/{{style}}.png"], ImageSize=[64, 64],
-                                 **{{"StrokeSize": 2.0, **values}})  # painting takes a third of the time
+    usual = dict(StyleFiles=[f"{{folder}}/{{style}}.png"], StrokeSize=2.0)  # painting takes a third of the time
+    filter = StyleRFStylizedView(Input=wavelet, ImageSize=[64, 64], **{{**usual, **values}})
     if window:
         in_window(filter)
     return filter

@@ -245,6 +245,7 @@ def move(view, *position, event="EndInteractionEvent"):
 """
 
 
+@pytest.mark.slow
 def test_the_image_follows_the_camera(trained: Path, pvpython, tmp_path) -> None:
     pvpython(
         VOLUME

@@ -21,15 +21,18 @@ def live(pvpython: Callable, tmp_path: Path) -> Callable[[str], None]:
 
 
 # A script's filter, and one in the window with Live off.
-@pytest.mark.parametrize(("window", "on"), [(0, 1), pytest.param(1, 0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("window", "on", "paint"),
+    [(0, 1, False), *(pytest.param(*how, True, marks=pytest.mark.slow) for how in ((0, 1), (1, 0)))],
+)
 def test_what_is_learned_beside_the_window_is_what_a_script_waits_for(
-    live: Callable, tmp_path: Path, window: int, on: int
+    live: Callable, tmp_path: Path, window: int, on: int, paint: bool
 ) -> None:
     live(
-        f"window, on = {window}, {on}"
+        f"window, on = {window}, {on}\nSTYLES = {{}} if {paint} else dict(StyleFiles=[])"
         + """
 os.environ["SVV_CACHE"] = f"{folder}/one"
-filter = make(**FEW)
+filter = make(**FEW, **STYLES)
 filter.UpdatePipeline()
 assert "The volume is shown as it is" in status(filter), status(filter)
 size, first = image(filter)
@@ -48,7 +51,7 @@ del filter
 assert workers() == [], workers()
 
 os.environ["SVV_CACHE"] = f"{folder}/two"
-filter = make(window=window, Live=on, **FEW)
+filter = make(window=window, Live=on, **FEW, **STYLES)
 filter.UpdatePipeline()
 assert is_done(status(filter)), status(filter)
 assert workers() == []

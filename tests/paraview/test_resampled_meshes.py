@@ -75,6 +75,7 @@ def test_the_filters_resample_what_is_no_image(inside) -> None:
     assert "12 views" in said["next"] and "resampled" not in said["next"] + said["image"]
 
 
+@pytest.mark.slow
 def test_training_resamples_too(inside) -> None:
     said = inside(
         """

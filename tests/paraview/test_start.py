@@ -298,6 +298,7 @@ def ends(display: str) -> bool:
     return not is_on(display)
 
 
+@pytest.mark.slow
 def test_without_a_display_pvpython_renders_on_one_that_ends_with_it(
     paraview: programs.ParaView, tmp_path: Path
 ) -> None:

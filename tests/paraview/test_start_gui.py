@@ -28,11 +28,13 @@ def test_the_user_interface_starts_with_the_plugin_and_nothing_heavy(gui: Callab
     assert "rror" not in running.log(), running.log()
 
 
+@pytest.mark.slow
 def test_the_user_interface_tells_of_a_script_that_fails(gui: Callable) -> None:
     with pytest.raises(AssertionError, match="ZeroDivisionError"):
         gui("1 / 0")
 
 
+@pytest.mark.slow
 def test_a_client_meets_a_server_with_the_plugin(pvpython: Callable, pvserver: int) -> None:
     done = pvpython(
         "import sys\n"
@@ -66,6 +68,7 @@ def test_two_ranks_start_each_on_a_display_of_its_own_where_they_need_one(
         assert set(displays.values()) == {""}
 
 
+@pytest.mark.slow
 def test_two_ranks_work_with_the_plugin(mpiexec: Callable) -> None:
     done = mpiexec(f"{REPORT}print(plugin, heavy)")
     assert "True []" in done.stdout

@@ -45,7 +45,6 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
             "print(bad.PointData.keys())",
         ],
         "bad.UpdatePipeline()",
-        "Show(bad); SaveScreenshot('x.png')",
         "SaveData('x.vti', proxy=Threshold(Input=bad))",
     ),
 )

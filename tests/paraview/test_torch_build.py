@@ -16,6 +16,7 @@ import pytest
 
 from svv.errors import BadInput
 from svv.pv.launch import installer, torch_build
+from tests.nightly import nightly
 from tests.wheels import make_installed, make_torch, make_wheel
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -88,12 +89,16 @@ CPU, CUDA = torch_build.Torch("2.13.0+cpu", False), torch_build.Torch("2.13.0", 
 
 @pytest.mark.parametrize(
     ("choice", "gpu", "build", "line"),
-    [
+    nightly(
+        [
+            ("auto", False, CPU, "because there is no NVIDIA GPU; TORCH=cuda selects the other build"),
+            ("auto", True, CUDA, "because there is an NVIDIA GPU; TORCH=cpu selects the other build"),
+            ("cpu", True, CPU, "as you chose; TORCH=cuda selects the other build"),
+            ("cuda", False, CUDA, "as you chose; TORCH=cpu selects the other build"),
+        ],
         ("auto", False, CPU, "because there is no NVIDIA GPU; TORCH=cuda selects the other build"),
-        ("auto", True, CUDA, "because there is an NVIDIA GPU; TORCH=cpu selects the other build"),
-        ("cpu", True, CPU, "as you chose; TORCH=cuda selects the other build"),
         ("cuda", False, CUDA, "as you chose; TORCH=cpu selects the other build"),
-    ],
+    ),
 )
 def test_the_build_is_that_of_the_machine_or_of_the_user(
     torchs: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys, choice: str, gpu: bool, build, line: str
@@ -149,16 +154,22 @@ def test_an_index_that_says_nothing_is_not_waited_for() -> None:
 
 @pytest.mark.parametrize(
     ("there", "cuda", "choice", "source", "replace"),
-    [
+    nightly(
+        [
+            ("2.13.0+cpu", None, "auto", "keep", False),
+            ("2.2.1", "12.1", "auto", "keep", False),
+            ("2.10.0", "12.1", "keep", "keep", False),
+            ("2.1.2", None, "auto", "index", False),
+            ("2.13.0", "13.0", "cpu", "index", True),
+            ("2.13.0+cpu", None, "cuda", "pip", True),
+            ("2.13.0+cpu", None, "cpu", "keep", False),
+            ("2.13.0", "13.0", "cuda", "keep", False),
+        ],
         ("2.13.0+cpu", None, "auto", "keep", False),
-        ("2.2.1", "12.1", "auto", "keep", False),
-        ("2.10.0", "12.1", "keep", "keep", False),
         ("2.1.2", None, "auto", "index", False),
         ("2.13.0", "13.0", "cpu", "index", True),
         ("2.13.0+cpu", None, "cuda", "pip", True),
-        ("2.13.0+cpu", None, "cpu", "keep", False),
-        ("2.13.0", "13.0", "cuda", "keep", False),
-    ],
+    ),
 )
 def test_a_torch_that_is_there_and_fits_stays(
     torchs: Index, tmp_path: Path, there: str, cuda: str | None, choice: str, source: str, replace: bool

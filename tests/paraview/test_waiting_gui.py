@@ -44,10 +44,13 @@ done("\\n".join(told))
 """
 
 
-WAYS = ["filter.Views = 13  # Apply", "filter.TakeWhatIsShownNow()"]
+NO_STYLE = "filter.StyleFiles = ['/nowhere/style.png']  # Apply"
+"""Begins again, and ends before it learns."""
 
 
-@pytest.mark.parametrize("what", nightly(WAYS, WAYS[0]))
+@pytest.mark.parametrize(
+    "what", nightly([NO_STYLE, "filter.Views = 13  # Apply", "filter.TakeWhatIsShownNow()"], NO_STYLE)
+)
 def test_a_failed_filter_waits_until_the_user_asks(gui: Callable, what: str) -> None:
     *waiting, last = gui(SCRIPT.replace("WHAT", what)).first.split("\n")
     assert len(waiting) == 5 and len(set(waiting)) == 1
@@ -55,6 +58,9 @@ def test_a_failed_filter_waits_until_the_user_asks(gui: Callable, what: str) -> 
         "There is no transfer function: show the filter's input in the active view with the representation Volume, and "
         "then press Take What Is Shown Now."
     )
+    if what == NO_STYLE:
+        assert "There is no style picture /nowhere/style.png" in last, last
+        return
     assert "regions, learned from" in last and "The transfer function is ParaView's default" in last, last
     assert "edit it in the Color Map Editor, and then press Take What Is Shown Now." in last
 

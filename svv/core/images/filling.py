@@ -60,10 +60,9 @@ def _covered(
             if not len(ys) or not len(xs) or mask[here].all():
                 continue
             picks = centres[rng.integers(0, len(centres), CANDIDATE_PIECES)]
-            pieces = np.stack([
-                nearest[np.ix_(np.clip(cy + ys - y, 0, height - 1), np.clip(cx + xs - x, 0, width - 1))]
-                for cy, cx in picks
-            ])  # fmt: skip
+            rows = np.clip(picks[:, :1] + ys - y, 0, height - 1)
+            columns = np.clip(picks[:, 1:] + xs - x, 0, width - 1)
+            pieces = nearest[rows[:, :, None], columns[:, None, :]]
             misfit = (((pieces - out[here]) ** 2).sum(-1) * done[here]).sum((1, 2))
             alpha = soft[np.ix_(ys - y + half, xs - x + half)]
             alpha = np.where(done[here] > 0, alpha * (1 - mask[here]), 1.0)

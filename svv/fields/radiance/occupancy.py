@@ -163,15 +163,22 @@ def largest_in(
 
     It is that of 27 points of a cell, or of its ``corners``, which are enough if the exponent is linear between them.
     """
-    device = corner.device
-    end = torch.tensor(occupancy.box.extent, dtype=torch.float32, device=device).double()
-    largest = torch.full((len(corner),), -torch.inf, device=device)
-    for offset in itertools.product((0.0, 1.0) if corners else (0.0, 0.5, 1.0), repeat=3):
-        points = torch.minimum((corner + end.new_tensor(offset)) / occupancy.cells, end).float()
-        # A cell's far corners belong to the next cell, which may not be stored: one float nearer they are in this cell.
-        points = torch.nextafter(points, ((corner + 0.5) / occupancy.cells).float())
-        largest = torch.maximum(largest, exponent(points))
+    largest = torch.full((len(corner),), -torch.inf, device=corner.device)
+    for places in itertools.product(*(_places(axis, corner, occupancy, corners) for axis in range(3))):
+        largest = torch.maximum(largest, exponent(torch.stack(places, dim=1)))
     return torch.exp(largest.clamp(max=MOST_LOG_EXTINCTION))
+
+
+def _places(axis: int, corner: Tensor, occupancy: Occupancy, corners: bool) -> list[Tensor]:
+    """Return where the points of cells lie along an axis: 3 or, at ``corners``, 2 times (C,)."""
+    first = torch.arange(occupancy.occupied.shape[axis], device=corner.device)
+    end = torch.tensor(occupancy.box.extent[axis], dtype=torch.float32, device=corner.device).double()
+    middle, found = ((first + 0.5) / occupancy.cells).float(), []
+    for offset in (0.0, 1.0) if corners else (0.0, 0.5, 1.0):
+        place = torch.minimum((first.double() + offset) / occupancy.cells, end).float()
+        # A cell's far corners belong to the next cell, which may not be stored: one float nearer they are in this cell.
+        found.append(torch.nextafter(place, middle)[corner[:, axis]])
+    return found
 
 
 def _first_box(cameras: Sequence[Camera]) -> Box:

@@ -231,8 +231,9 @@ class Reconstruction:
 
     def prune(self, grow: bool) -> None:
         """Remove the cells in which nothing is visible any more."""
-        exponent = partial(log_extinction, self.field)
-        largest = largest_extinction(exponent, self.occupancy, self.device, shared=True)
+        exponent, density = partial(log_extinction, self.field), self.field.density
+        corners = density is not None and max(density.resolutions) <= self.occupancy.cells  # no vertex is within a cell
+        largest = largest_extinction(exponent, self.occupancy, self.device, shared=True, corners=corners)
         depth = largest * self.marching.step
         pruned = self.occupancy.pruned(depth, least_extinction(self.prune_least, float(depth.max())), grow)
         if pruned.occupied.any():

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, maximum_filter
 from typer.testing import CliRunner
 
 from svv.cli.app import app
@@ -131,6 +131,21 @@ def test_a_line_is_as_long_as_the_border_of_its_face(width: float, strength: flo
         ink = float((1.0 - drawn[..., 0]).sum() / (1.0 - region.outline_colour[0]))
         assert ink == pytest.approx(2.0 * np.pi * 0.3 * size * width * size / VIEW, rel=0.15)
         assert float(drawn[size // 2, size // 2].min()) == 1.0
+
+
+@pytest.mark.parametrize("width", [2.0, 4.0])
+def test_spots_of_a_face_have_no_lines_but_holes_have(width: float) -> None:
+    """Bones are dense here and thin there: their faces' shares vary by half from cell to cell."""
+    size, region = 800, dense(cube_scene()).with_section("flat", line=width).regions[0]
+    y, x = np.mgrid[:size, :size]
+    away, hole = np.hypot(y - 400, x - 400), np.hypot(y - 400, x - 300)
+    spots = np.random.default_rng(0).random((size // 4, size // 4), np.float32).repeat(4, 0).repeat(4, 1)
+    share = np.where((away < 240) & (hole > 30), 0.6 - 0.3 * spots, 0.0).astype(np.float32)
+    rgba = np.ones((size, size, 4), np.float32)
+    ink = 1.0 - with_lines(rgba, share, np.zeros((size, size), np.int16), [region], VIEW)[..., 0]
+    assert float(ink[(away < 220) & (hole > 50)].max()) == 0.0
+    near = maximum_filter(ink, 9)
+    assert float(near[np.abs(away - 240) < 1].min()) > 0.5 and float(near[np.abs(hole - 30) < 1].min()) > 0.5
 
 
 def test_a_line_surrounds_the_face_in_a_picture() -> None:

@@ -13,6 +13,7 @@ from svv.core.colour.colour import over
 from svv.fields.scene.scene import Scene
 from svv.render.web.notebook import SceneWidget
 from svv.render.web.page import write_html
+from tests.cube import cube_scene
 from tests.test_web import front, paint
 
 CLOSE = 27.0
@@ -49,6 +50,30 @@ def test_a_page_shows_the_cuts_of_its_file(open_page: Any, dense: Scene, tmp_pat
         assert all(opened.psnr(dense, camera) < opened.psnr(scene, camera) - APART for camera in cameras)
     opened.page.get_by_label("Show the cuts of the file").click()
     assert min(opened.psnr(dense, camera) for camera in cameras) > CLOSE
+
+
+@pytest.mark.usefixtures("small_stills")
+@pytest.mark.parametrize(
+    "cuts",
+    [
+        ("0,1,2=x<0.01", "0,1,2=x>0.04"),  # a slab in which no sample need lie: half a step thick
+        ("x>0.2", "0,1,2=x<0.17"),
+        ("0,1,2=outside cylinder:0,0.1,0:1,0,1:0.03", "y>30%&z>110%"),
+        ("0,1,2=outside box:0.1,-0.4,-0.4:0.13,0.4,0.4", "outside sphere:0,0,0:0.35"),
+    ],
+)
+def test_what_cuts_leave_is_seen_however_thin_it_is(open_page: Any, tmp_path: Path, cuts: tuple[str, ...]) -> None:
+    scene = cube_scene()
+    for region in range(3):  # black on white shows nothing but opacity
+        scene = scene.edited(region, (0.0, 0.0, 0.0), opacity=20.0)
+    scene = scene.with_section("flat").cut(*cuts)
+    write_html(tmp_path / "cut.html", scene, "cut")
+    opened = open_page(tmp_path / "cut.html")
+    opened.ready()
+    for frame in (0, 60):
+        camera = front(scene, 48, frame)
+        seen, truth = opened.picture(camera), over(scene.render(camera).rgba)
+        assert np.abs(seen - truth).mean() < 0.08 * (1.0 - truth).mean()  # codes of extinctions are some 5 % off
 
 
 def test_a_page_shows_sections_of_palettes_and_paintings(open_page: Any, dense: Scene, tmp_path: Path) -> None:

@@ -119,7 +119,7 @@ def lines_of(
     smooth = _gauss(alpha * seen, sigma) / np.maximum(share, 1e-4)
     edges = _silhouettes(alpha, smooth, share, region, pixel_at, box, scale)
     strength = _along(
-        edges, _ramp(edges.change, WEAK_CHANGE, STRONG_CHANGE), alpha.shape, EVENING_DEVIATION * max(scale, 1.0)
+        edges, ramp(edges.change, WEAK_CHANGE, STRONG_CHANGE), alpha.shape, EVENING_DEVIATION * max(scale, 1.0)
     )
     # The line of a translucent shell is as faint as the shell itself.
     strength *= maximum_filter(alpha, 2 * int(np.ceil(PARTED_REACH * scale)) + 1)[pixels_of(edges, alpha.shape)]
@@ -151,7 +151,7 @@ def _silhouettes(
     for number in np.flatnonzero(np.bincount(region[region >= 0])):
         square += _square(_gauss(np.where(region == number, alpha, np.float32(0.0)), sigma))
     step = np.maximum(DEPTH_JUMP * box, pixel_at(depth, DEPTH_JUMP_PIXELS * scale))
-    square += _square(depth) * (_ramp(share, *OPAQUE_ALPHAS) / np.maximum(step, 1e-30)) ** 2
+    square += _square(depth) * (ramp(share, *OPAQUE_ALPHAS) / np.maximum(step, 1e-30)) ** 2
     change = np.log1p(np.sqrt(square) * _spread(sigma) * np.sqrt(2.0 * np.pi))
     return _ridges(
         change.astype(np.float32), sigma, max(LEAST_DEVIATION, SMOOTHING_DEVIATION * scale), 0.5 * WEAK_CHANGE
@@ -174,7 +174,7 @@ def _creases(
     beside[pixels_of(silhouettes, depth.shape)] = ink
     small = [_pooled(image, factor) for image in
              (right / np.maximum(length, 1e-30), down / np.maximum(length, 1e-30), toward / np.maximum(length, 1e-30),
-              _ramp(share, *OPAQUE_ALPHAS), beside)]  # fmt: skip
+              ramp(share, *OPAQUE_ALPHAS), beside)]  # fmt: skip
     band = BAND_DEVIATION * scale / factor
     free = small[3] * np.clip(1.0 - _gauss(small[4], band) * (factor * band * 4.0 * np.sqrt(2.0 * np.pi)), 0.0, 1.0)
     sigma /= factor
@@ -186,7 +186,7 @@ def _creases(
         square += _square(component / length)
     change = np.sqrt(square) * (_spread(sigma) * np.sqrt(2.0 * np.pi)) * free
     edges = _ridges(change.astype(np.float32), sigma, 0.7 * sigma, 0.6 * FOLD_BOUNDS[0])
-    there = _ramp(edges.change, *FOLD_BOUNDS) * _ramp(known[pixels_of(edges, known.shape)], 0.5, 0.8)
+    there = ramp(edges.change, *FOLD_BOUNDS) * ramp(known[pixels_of(edges, known.shape)], 0.5, 0.8)
     strength = _along(edges, there, known.shape, 1.8 * sigma)
     return edges.scaled(factor), strength
 
@@ -234,7 +234,7 @@ def _along(edges: Edges, strength: Floats, shape: tuple[int, ...], even: float) 
             j = at[np.clip(np.rint(py).astype(np.intp), -1, height) + 1,
                    np.clip(np.rint(px).astype(np.intp), -1, width) + 1]  # fmt: skip
             cosine, hit = tx[j] * dx + ty[j] * dy, j < count
-            one = one * np.where(hit, _ramp(np.abs(cosine), *TURN_COSINES), 1.0)
+            one = one * np.where(hit, ramp(np.abs(cosine), *TURN_COSINES), 1.0)
             turned = np.where(cosine < 0.0, -1.0, 1.0)
             foot = (px - x[j]) * tx[j] + (py - y[j]) * ty[j]
             dx, dy = np.where(hit, turned * tx[j], dx), np.where(hit, turned * ty[j], dy)
@@ -243,7 +243,7 @@ def _along(edges: Edges, strength: Floats, shape: tuple[int, ...], even: float) 
     total = 1.0 + 2.0 * weights.sum()
     for _ in range(2):
         known = np.append(strength, 0.0)
-        strength = _ramp(sum(known[j] * weight for j, weight in path) / total, *WHOLE_BOUNDS)
+        strength = ramp(sum(known[j] * weight for j, weight in path) / total, *WHOLE_BOUNDS)
     return strength.astype(np.float32)
 
 
@@ -252,7 +252,7 @@ def _spread(sigma: float) -> float:
     return float(np.sqrt(sigma**2 + SAMPLING_VARIANCE))
 
 
-def _ramp(values: NDArray[np.floating], low: float, high: float) -> NDArray[np.floating]:
+def ramp(values: NDArray[np.floating], low: float, high: float) -> NDArray[np.floating]:
     """Return 0 below ``low``, 1 above ``high`` and a smooth ramp between."""
     t = np.clip((values - low) * (1.0 / (high - low)), 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.geometry.cuts import Cut
+from svv.core.images.edges import ramp
 from svv.core.images.outlines import LEAST_COVERAGE
 from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.radiance.rendering import composite
@@ -45,12 +46,15 @@ HATCH_INK = 0.3
 """Factor on the region's colour that gives the ink of its hatched lines."""
 
 BESIDE = 3.0
-"""Distance, in widths of the line, from which a face is no longer measured by its brightest place."""
+"""Distance, in widths of the line, from which a face is no longer measured by what lies there."""
 
 LEAST_SHARE = 0.02
 """Part of a pixel's opacity below which a section has no line; up to ``FULL_SHARE`` it is fainter."""
 
 FULL_SHARE = 0.4
+
+DIPS = (0.2, 0.4)
+"""Share in a spot of a face, as a part of that around it, up to which it is a hole, and from which on it is none."""
 
 _known: WeakKeyDictionary[UnrestrictedField, dict[object, Tensor]] = WeakKeyDictionary()
 
@@ -205,7 +209,7 @@ def _line_cover(own: NDArray[np.float32], width: float) -> NDArray[np.float32]:
     from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude, maximum_filter
     from scipy.special import ndtri
 
-    blur = max(0.35 * width, 0.7)
+    blur, own = max(0.35 * width, 0.7), _without_spots(own, width)
     soft = gaussian_filter(own, blur)
     most = gaussian_filter(maximum_filter(soft, int(2 * np.ceil(BESIDE * width) + 1)), 0.5 * width)
     # Across a border the share is the integral of a Gaussian, which is as wide as the slope in its middle tells.
@@ -218,3 +222,12 @@ def _line_cover(own: NDArray[np.float32], width: float) -> NDArray[np.float32]:
     strength = np.clip((most - LEAST_SHARE) / (FULL_SHARE - LEAST_SHARE), 0.0, 1.0)
     cover[there] = strength * np.clip(0.5 * width + 0.5 - away, 0.0, min(width, 1.0))
     return cover
+
+
+def _without_spots(own: NDArray[np.float32], width: float) -> NDArray[np.float32]:
+    """Return the shares (H, W) of a face without shallow spots: matter of uneven density has no borders there."""
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    around = int(2 * np.ceil(BESIDE * width) + 1)
+    full = minimum_filter(maximum_filter(own, around), around)
+    return own + ramp(own / np.maximum(full, np.float32(1e-6)), *DIPS) * (full - own)

@@ -85,7 +85,7 @@ LINES = {
         "PARTED_REACH",
     ),
     outlines: ("WIDEST", "CREASE_WIDTH", "PRESSURE_SHARE", "LEAST_COVERAGE"),
-    sections: ("BESIDE", "LEAST_SHARE", "FULL_SHARE"),
+    sections: ("BESIDE", "LEAST_SHARE", "FULL_SHARE", "DIPS"),
 }  # fmt: skip
 """Constants of ink that a page draws as the renderer does (``lines.js``)."""
 

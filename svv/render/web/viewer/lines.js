@@ -247,9 +247,9 @@ function stroke(edges, e, ink, strength, full, side, { w, h }, coverage, source,
 // Blend the lines around sections over a layer of ink (with_lines); `share` is the part of each pixel's light that is from faces of cuts.
 function* sectionLines({ w, h, region }, share, pens, scale, c, blend) {
   for (let number = 0; number < pens.length; number++) {
-    const { section_line: line, outline_colour: colour } = pens[number], own = share.map((v, k) => (region[k] === number ? v : 0));
-    if (line === 0 || own.reduce((a, b) => Math.max(a, b), 0) < c.LEAST_SHARE) continue;
-    const width = Math.max(line * scale, 0.5), blur = Math.max(0.35 * width, 0.7);
+    const { section_line: line, outline_colour: colour } = pens[number], uneven = share.map((v, k) => (region[k] === number ? v : 0));
+    if (line === 0 || uneven.reduce((a, b) => Math.max(a, b), 0) < c.LEAST_SHARE) continue;
+    const width = Math.max(line * scale, 0.5), own = withoutSpots(uneven, w, h, width, c), blur = Math.max(0.35 * width, 0.7);
     const soften = (image, sigma) => smoothed(image, w, h, kernelOf(sigma, Math.floor(4 * sigma + 0.5)), mirrored), soft = soften(own, blur);
     yield;
     const most = soften(largestAround(soft, w, h, Math.ceil(c.BESIDE * width)), 0.5 * width);
@@ -263,6 +263,12 @@ function* sectionLines({ w, h, region }, share, pens, scale, c, blend) {
       if (cover > c.LEAST_COVERAGE) blend(k, cover, colour);
     }
   }
+}
+
+// The shares of a face without shallow spots (_without_spots).
+function withoutSpots(own, w, h, width, c) {
+  const reach = Math.ceil(c.BESIDE * width), full = largestAround(largestAround(own, w, h, reach).map((v) => -v), w, h, reach);
+  return own.map((v, k) => v + ramp(v / Math.max(-full[k], 1e-6), c.DIPS) * (-full[k] - v));
 }
 
 // The largest value within some pixels along both axes.

@@ -64,6 +64,8 @@ layout(std140) uniform Tables {
   vec4 uLightZero[LAYERS * BASIS];                                          // shade and specular light where all channels are 0
 };
 
+const float BEYOND = 1e30; // farther than any sample
+
 #if CUTS
 // Of each cut: planes n . x > d in box coordinates of each layer; centre and radius, and axis, of a ball or cylinder; number of planes,
 // 1 for a ball and 2 for a cylinder, 1 if what is outside is cut off instead.
@@ -94,23 +96,66 @@ float cutDepth(int l, int c, vec3 p) {
   return kind.z > 0.5 ? -depth : depth;
 }
 
-vec3 rayDirection;
+// Where the ray enters and leaves the shape of each cut, in box units of each layer; beyond all if it misses it (Cut.span).
+vec2 spans[LAYERS * CUTS];
 
-// Where on the step of a sample, from 0 to 1, the part begins and ends that cuts of all regions leave.
-vec2 leftOf(int l, vec3 p, float pace) {
-  vec2 left = vec2(0.0, 1.0);
-  vec3 half_ = 0.5 * pace * rayDirection;
-  for (int c = 0; c < CUTS; c++) {
-#if CUTS_BY_REGION
-    if (uCutRegions[c] != 0) continue;
-#endif
-    float first = cutDepth(l, c, p - half_), last = cutDepth(l, c, p + half_);
-    if (first >= 0.0 && last >= 0.0) return vec2(0.0);
-    if (first >= 0.0) left.x = max(left.x, first / (first - last));
-    if (last >= 0.0) left.y = min(left.y, first / (first - last));
+vec2 spanOf(int l, int c, vec3 o, vec3 d) {
+  vec4 kind = uCutKind[c];
+  float near = -BEYOND, far = BEYOND;
+  for (int k = 0; k < 6; k++) {
+    if (float(k) >= kind.x) break;
+    vec4 plane = uCutPlanes[(l * CUTS + c) * 6 + k];
+    float slope = dot(plane.xyz, d), rest = plane.w - dot(plane.xyz, o);
+    if (slope > 0.0) near = max(near, rest / slope);
+    else if (slope < 0.0) far = min(far, rest / slope);
+    else if (rest >= 0.0) far = -BEYOND;
   }
-  return left;
+  if (kind.y > 0.5) {
+    vec4 ball = uCutBall[l * CUTS + c];
+    vec3 away = o - ball.xyz, along = d, axis = uCutAxis[l * CUTS + c].xyz;
+    if (kind.y > 1.5) away -= dot(away, axis) * axis, along -= dot(along, axis) * axis;
+    float slope = dot(along, along), middle = slope > 1e-12 ? -dot(away, along) / slope : 0.0;
+    away += middle * along;
+    float rest = ball.w * ball.w - dot(away, away);
+    if (rest <= 0.0) far = -BEYOND;
+    else if (slope > 1e-12) near = max(near, middle - sqrt(rest / slope)), far = min(far, middle + sqrt(rest / slope));
+  }
+  return near < far ? vec2(near, far) : vec2(BEYOND);
 }
+
+// The piece of the ray that begins at a distance, or at the first one behind it that cuts of all regions leave; it ends at the next
+// face of any cut (divide_rays).
+vec2 pieceFrom(int l, float from) {
+  bool gone = true;
+  for (int turn = 0; gone && turn < CUTS; turn++) {
+    gone = false;
+    for (int c = 0; c < CUTS; c++) {
+#if CUTS_BY_REGION
+      if (uCutRegions[c] != 0) continue;
+#endif
+      vec2 span = spans[l * CUTS + c];
+      bool inside = from >= span.x && from < span.y, outside = uCutKind[c].z > 0.5;
+      if (inside == outside) continue;
+      from = inside ? span.y : from < span.x ? span.x : BEYOND;
+      gone = true;
+    }
+  }
+  float end = BEYOND;
+  for (int c = 0; c < CUTS; c++) {
+    vec2 span = spans[l * CUTS + c];
+    if (span.x > from) end = min(end, span.x);
+    if (span.y > from) end = min(end, span.y);
+  }
+  return vec2(from, end);
+}
+
+#if CUTS_BY_REGION
+// Whether a place of a region is cut off by a cut of some regions.
+bool isCut(int l, vec3 p, int region) {
+  for (int c = 0; c < CUTS; c++) if ((uCutRegions[c] & (1 << region)) != 0 && cutDepth(l, c, p) > 0.0) return true;
+  return false;
+}
+#endif
 #endif
 
 #if DOUBT
@@ -123,8 +168,6 @@ layout(location = 1) out uvec4 told; // the bits of alpha and the mean distance,
 #endif
 
 const float CEILING = 9.0; // greatest logarithm of the extinction
-
-const float BEYOND = 1e30; // farther than any sample
 
 #if PLACE || CUTS || LINES
 float faceShaded = 0.0; // how far it shows the face of a cut
@@ -266,6 +309,9 @@ vec4 unshadowed(int l, vec3 p) {
 #if PLACE || CUTS || LINES
   regionShaded = region;
 #endif
+#if CUTS && CUTS_BY_REGION
+  if (isCut(L, p, region)) return vec4(0.0);
+#endif
   float factor = uRegion[region].x;
   vec3 colour = vec3(0.0);
 #if PAINTED
@@ -322,13 +368,12 @@ vec4 uncut(int l, vec3 p) {
 vec4 shaded(int l, vec3 p) {
   vec4 found = uncut(l, p);
 #if CUTS && CUTS_BY_REGION
+  if (found.a == 0.0) return found;
   vec3 face = p; // the place on the face that is nearest: samples lie more or less deep behind it
-  float near = 0.0, pace = uMarch[L].x, reach = max(DEEP / uBox[L].w, DEEP * pace);
+  float near = 0.0, reach = max(DEEP / uBox[L].w, DEEP * uMarch[L].x);
   for (int c = 0; c < CUTS; c++) {
     if (uCutRegions[c] != 0 && (uCutRegions[c] & (1 << regionShaded)) == 0) continue;
-    float depth = cutDepth(l, c, p);
-    if (uCutRegions[c] != 0) found.a *= clamp(0.5 - depth / pace, 0.0, 1.0);
-    float own = clamp(2.0 + 2.0 * depth / reach, 0.0, 1.0);
+    float depth = cutDepth(l, c, p), own = clamp(2.0 + 2.0 * depth / reach, 0.0, 1.0);
     if (own <= near) continue;
     vec2 aside = vec2(1e-3, 0.0);
     vec3 slope = vec3(cutDepth(l, c, p + aside.xyy), cutDepth(l, c, p + aside.yxy), cutDepth(l, c, p + aside.yyx)) - depth;
@@ -351,14 +396,18 @@ vec4 shaded(int l, vec3 p) {
   return found;
 }
 
+// Numbers of the first and the last sample on a piece of a ray within a box: whole paces apart, the first half a pace behind its beginning.
+ivec2 samplesOn(vec2 piece, vec2 within, float pace) {
+  float last = floor((within.y - piece.x) / pace - 0.5);
+  if (piece.y < within.y) last = min(last, ceil((piece.y - piece.x) / pace) - 1.0);
+  return ivec2(max(0.0, ceil((within.x - piece.x) / pace - 0.5)), last);
+}
+
 void main() {
   vec2 at = (gl_FragCoord.xy * uPixel - uLens.yz) / uLens.x;
   bool parallel = uLens.w > 0.5;
   vec3 d = normalize(uAxes * vec3(parallel ? vec2(0.0) : at, -1.0));
   d = mix(d, vec3(1e-9), lessThan(abs(d), vec3(1e-9)));
-#if CUTS
-  rayDirection = d;
-#endif
 #if (LIT & 1) != 0
   prepareHarmonics(d);
 #endif
@@ -373,13 +422,21 @@ void main() {
   vec3 origins[LAYERS], places[LAYERS];
   int nexts[LAYERS], lasts[LAYERS];
   float waitings[LAYERS], times[LAYERS], factors[LAYERS];
+#if CUTS
+  vec2 pieces[LAYERS], withins[LAYERS]; // where the piece of the ray begins and ends that is being sampled, and the ray in the box
+#endif
   for (int l = 0; l < LAYERS; l++) {
     vec3 o = uPosition[l].xyz + uAxes * vec3(parallel ? at / uPosition[l].w : vec2(0.0), 0.0);
     vec3 a = -o / d, b = (uBox[l].xyz - o) / d, low = min(a, b), high = max(a, b);
     float near = max(max(low.x, low.y), max(low.z, 0.0)), far = min(high.x, min(high.y, high.z)), pace = uMarch[l].x;
     bool met = near < far && uMarch[l].w > 0.5;
-    nexts[l] = met ? int(ceil(near / pace - 0.5)) : 0;
-    lasts[l] = met ? int(floor(far / pace - 0.5)) : -1;
+    vec2 within = met ? vec2(near, far) : vec2(0.0, -1.0), piece = vec2(0.0, BEYOND);
+#if CUTS
+    for (int c = 0; c < CUTS; c++) spans[l * CUTS + c] = spanOf(l, c, o, d);
+    pieces[l] = piece = vec2(0.0), withins[l] = within;
+#endif
+    ivec2 some = samplesOn(piece, within, pace);
+    nexts[l] = some.x, lasts[l] = some.y;
     origins[l] = o, waitings[l] = times[l] = 0.0, factors[l] = -1.0;
   }
   vec3 ahead = step(0.0, d), sum = vec3(0.0);
@@ -434,18 +491,43 @@ void main() {
     vec3 o = origins[L], extent = uBox[L].xyz;
     vec2 grid = uGrid[L].xy, code = uCode[L].xy;
     float pace = uMarch[L].x, joined = uMarch[L].z, cells = uBox[L].w;
-    ivec3 most = ivec3(uCells[L].xyz) - 1, begin = ivec3(0, 0, int(uCells[L].w));
+    ivec3 most = ivec3(uCells[L].xyz) - 1, first = ivec3(0, 0, int(uCells[L].w));
     int i = nexts[L], last = lasts[L];
+    float begin = 0.0, t = 0.0;
     bool found = false;
-    while (!found && i <= last) {
-      vec3 p = o + (float(i) + 0.5) * pace * d;
+#if CUTS
+    vec2 piece = pieces[L], within = withins[L];
+    begin = piece.x;
+#endif
+    while (!found) {
+      if (i > last) {
+#if CUTS
+        if (piece.y < within.y) { // on to the next piece
+          piece = pieceFrom(L, piece.y);
+          begin = piece.x;
+          if (begin < within.y) {
+            ivec2 some = samplesOn(piece, within, pace);
+            i = some.x, last = some.y;
+          }
+          continue;
+        }
+#endif
+        break;
+      }
+      t = begin + (float(i) + 0.5) * pace;
+#if CUTS
+      // A sample across the end of a piece stands for what it covers of it, and is in the middle of that.
+      float covered = min((piece.y - t) / pace + 0.5, 1.0);
+      t -= 0.5 * (1.0 - covered) * pace;
+#endif
+      vec3 p = o + t * d;
       ivec3 cell = clamp(ivec3(p * cells), ivec3(0), most);
-      float empty = float(texelFetch(uLeaps, cell.zyx + begin, 0).r);
+      float empty = float(texelFetch(uLeaps, cell.zyx + first, 0).r);
       if (empty > 0.0) {
         // On to the first sample behind the cube of empty cells around this one.
         vec3 wall = (vec3(cell) + mix(vec3(1.0 - empty), vec3(empty), ahead)) / cells;
         vec3 exits = (wall - o) / d;
-        i = max(i + 1, int(ceil(min(exits.x, min(exits.y, exits.z)) / pace - 0.5)));
+        i = max(i + 1, int(ceil((min(exits.x, min(exits.y, exits.z)) - begin) / pace - 0.5)));
         continue;
       }
       i++;
@@ -453,17 +535,17 @@ void main() {
       float value = texture(uExtinction, onGrid(inside, grid, uExtinctionSize)).r;
       float own = exp(min(code.x + code.y * value, CEILING)) * pace;
 #if CUTS
-      vec2 left = leftOf(L, p, pace);
-      if (left.x >= left.y) continue;
-      own *= left.y - left.x;
-      inside = clamp(p + (0.5 * (left.x + left.y) - 0.5) * pace * d, vec3(0.0), extent);
+      own *= covered;
 #endif
       place = inside;
       waiting = own + waiting;
       found = front * waiting >= joined && front * (1.0 - exp(-waiting)) >= joined;
     }
     nexts[L] = i, waitings[L] = waiting, places[L] = place;
-    times[L] = found ? (float(i) - 0.5) * uMarch[L].y : BEYOND;
+#if CUTS
+    pieces[L] = piece, lasts[L] = last;
+#endif
+    times[L] = found ? t * uMarch[L].y / pace : BEYOND;
   }
   // What is left behind the last sample of a layer is a part of it (svv/kernels/types.py, ended).
   for (int l = 0; l < LAYERS; l++) {

@@ -56,7 +56,7 @@ def test_other_files_are_written_from_the_same(
         rotations=np.eye(4, dtype="f4")[[0] * 5], opacities=np.ones(5, "f4"), harmonics=np.zeros((5, 1, 3), "f4"),
         regions=np.zeros(5, "i2"), names=("bone",), background=(1.0, 1.0, 1.0),
     )  # fmt: skip
-    monkeypatch.setattr(fit, "fit_splats", lambda *_: splats)
+    monkeypatch.setattr("svv.job.splats.fit_splats", lambda *_: splats)
     out = tmp_path / f"cube{suffix}"
     done = CliRunner().invoke(app, ["export", str(scene), "--out", str(out)])
     assert done.exit_code == 0 and "5 splats of degree 0" in done.output
@@ -72,7 +72,7 @@ def test_other_files_are_written_from_the_same(
         ("a.html", ("--splats", "1000"), "no options of splats"),
         ("a.cdb", ("--splats", "1000"), "no options of splats"),
         ("a.vti", ("--degree", "2"), "no options of splats"),
-        ("a.usdz", (), r"splats NAME\.ply, NAME\.spz or NAME\.glb"),
+        ("a.usda", (), r"splats NAME\.ply, NAME\.spz, NAME\.glb or NAME\.usdz"),
     ],
 )
 def test_options_of_other_files_are_refused(

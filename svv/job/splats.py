@@ -22,5 +22,8 @@ def export_splats(path: Path, scene: Scene, options: SplatOptions, progress: Pro
     check_writable(path)
     splats = fit_splats(scene, options, part(progress, 0.0, 0.97))
     notes = write_splats(path, splats, part(progress, 0.97, 1.0))
+    if scene.steps is not None and len(scene.steps) > 1:
+        shown = scene.steps.times[scene.steps.own]
+        notes.append(f"They show the scene at time {shown:g}; svv follow --out FOLDER writes one scene for each time.")
     degree = {1: 0, 4: 1, 9: 2, 16: 3}[splats.harmonics.shape[1]]
     return " ".join([f"{len(splats)} splats of degree {degree}, {path.stat().st_size / 1e6:.1f} MB.", *notes])

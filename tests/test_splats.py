@@ -112,24 +112,24 @@ def test_scenes_of_every_kind_become_splats(kind: str) -> None:
     assert splats.regions.max() < len(splats.names)
 
 
-def test_light_and_shadows_are_in_the_splats(balls: Scene) -> None:
+def test_light_and_shadows_are_in_the_splats() -> None:
     """A light that stays in the world, and shadows: the splats are like no other light's pictures."""
-    lamp = lit(balls).with_light(direction=(0.0, 1.0, 0.0))
+    lamp = lit(solid_ball()).with_light(direction=(0.0, 1.0, 0.0))
     scene = lamp.with_shadow(1.0, (1.0, 0.2, 0.0))
-    splats = fit_splats(scene, SplatOptions(count=1000, steps=60, degree="1"))
+    splats = fit_splats(scene, SplatOptions(count=600, steps=40, degree="1"))
     own = likeness(splats, scene)
     assert own > 30.0
-    assert likeness(splats, scene.with_light(direction=(0.0, -1.0, 0.0))) < own - 4.0
-    assert likeness(splats, lamp) < own - 1.0
+    assert likeness(splats, scene.with_light(direction=(0.0, -1.0, 0.0))) < own - 6.0
+    assert likeness(splats, lamp) < own - 6.0
 
 
-def test_a_light_that_follows_the_viewer_follows_in_the_splats(balls: Scene) -> None:
+def test_a_light_that_follows_the_viewer_follows_in_the_splats() -> None:
     """Harmonics hold it: without them, splats are less like it."""
-    scene = lit(balls).with_light(60.0, 20.0)
+    scene = lit(solid_ball()).with_light(60.0, 20.0)
     best, flat = (
         likeness(fit_splats(scene, SplatOptions(count=600, steps=40, degree=degree)), scene) for degree in ("2", "0")
     )
-    assert best > max(28.0, flat + 1.5)
+    assert best > max(28.0, flat + 4.0)
 
 
 @pytest.mark.parametrize("times", [1e-9, 1e6])

@@ -235,6 +235,10 @@ def test_without_usd_core_a_usdz_is_refused(tmp_path: Path, monkeypatch: pytest.
 @pytest.mark.parametrize("suffix", [".ply", ".glb"])
 def test_a_region_is_hidden_in_a_file(tmp_path: Path, suffix: str) -> None:
     """By its number or name, also after it has been read; the others stay as they are."""
+    eight = replace(some(), regions=(np.arange(50) % 8).astype(np.int16), names=tuple("abcdefgh"))
+    write_splats(tmp_path / f"eight{suffix}", eight)
+    rest = read_splats(tmp_path / f"eight{suffix}").hidden("c", 7)
+    assert sorted(set(rest.regions.tolist())) == [0, 1, 3, 4, 5, 6] and rest.names == tuple("abcdefgh")
     splats = some()
     write_splats(tmp_path / f"a{suffix}", splats)
     back = read_splats(tmp_path / f"a{suffix}").hidden("bone")
@@ -319,6 +323,8 @@ def test_a_full_disk_is_told_and_nothing_is_left(tmp_path: Path, small_files: No
     with pytest.raises(BadInput, match=r"Cannot write .*choose another place"):
         write_splats(tmp_path / f"a{suffix}", some(500))
     assert list(tmp_path.iterdir()) == []
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.getrlimit(resource.RLIMIT_FSIZE)[1],) * 2)
+    write_splats(tmp_path / f"a{suffix}", some(500))
 
 
 @pytest.mark.parametrize("suffix", [*SUFFIXES, WITH_USD])

@@ -65,7 +65,7 @@ def write_usdz(path: Path, splats: Splats, place: Place, progress: Progress = si
 
 def _write_layer(pxr: Any, layer: Path, splats: Splats, place: Place) -> None:
     vt, tokens = pxr.Vt, pxr.UsdGeom.Tokens
-    stage = pxr.Usd.Stage.CreateNew(str(layer))
+    stage = pxr.Usd.Stage.CreateInMemory()  # one of a file that failed would stay registered, and keep the next out
     pxr.UsdGeom.SetStageUpAxis(stage, tokens.y)
     pxr.UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     world = pxr.UsdGeom.Xform.Define(stage, "/scene")
@@ -89,4 +89,4 @@ def _write_layer(pxr: Any, layer: Path, splats: Splats, place: Place) -> None:
         prim.SetCustomDataByKey(f"svv:{key}", value)
     if any(place.origin):
         field.AddTranslateOp().Set(tuple(x / place.unit for x in place.origin))
-    stage.GetRootLayer().Save()
+    stage.GetRootLayer().Export(str(layer))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +14,12 @@ from typer.testing import CliRunner
 import svv
 from svv.cli.app import app
 from svv.errors import BadInput
+from svv.job.splats import export_splats
+from svv.job.workshop import Workshop
 from svv.train.splats import fit, starting
 from tests.cube import cube_scene
+from tests.solid_ball import solid_ball
+from tests.test_web_values import stepped
 
 FEW = ("--splats", "600", "--steps", "4", "--degree", "1")
 
@@ -50,17 +57,11 @@ def test_command(scene: Path, tmp_path: Path) -> None:
 def test_other_files_are_written_from_the_same(
     scene: Path, tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    random = np.random.default_rng(0)
-    splats = svv.Splats(
-        centres=random.normal(size=(5, 3)).astype("f4"), scales=np.ones((5, 3), "f4"),
-        rotations=np.eye(4, dtype="f4")[[0] * 5], opacities=np.ones(5, "f4"), harmonics=np.zeros((5, 1, 3), "f4"),
-        regions=np.zeros(5, "i2"), names=("bone",), background=(1.0, 1.0, 1.0),
-    )  # fmt: skip
-    monkeypatch.setattr(fit, "fit_splats", lambda *_: splats)
+    monkeypatch.setattr("svv.job.splats.fit_splats", few_splats)
     out = tmp_path / f"cube{suffix}"
     done = CliRunner().invoke(app, ["export", str(scene), "--out", str(out)])
-    assert done.exit_code == 0 and "5 splats of degree 0" in done.output
-    svv.write_splats(tmp_path / f"other{suffix}", splats)
+    assert done.exit_code == 0 and "3 splats of degree 0" in done.output
+    svv.write_splats(tmp_path / f"other{suffix}", few_splats())
     assert out.read_bytes() == (tmp_path / f"other{suffix}").read_bytes()
 
 
@@ -72,7 +73,7 @@ def test_other_files_are_written_from_the_same(
         ("a.html", ("--splats", "1000"), "no options of splats"),
         ("a.cdb", ("--splats", "1000"), "no options of splats"),
         ("a.vti", ("--degree", "2"), "no options of splats"),
-        ("a.usdz", (), r"splats NAME\.ply, NAME\.spz or NAME\.glb"),
+        ("a.usda", (), r"splats NAME\.ply, NAME\.spz, NAME\.glb or NAME\.usdz"),
     ],
 )
 def test_options_of_other_files_are_refused(
@@ -83,6 +84,53 @@ def test_options_of_other_files_are_refused(
     with pytest.raises(BadInput, match=says):
         raise done.exception
     assert list(tmp_path.iterdir()) == []
+
+
+def few_splats(*_: object) -> svv.Splats:
+    return svv.Splats(
+        centres=np.eye(3, dtype="f4"), scales=np.ones((3, 3), "f4"), rotations=np.eye(4, dtype="f4")[[0] * 3],
+        opacities=np.ones(3, "f4"), harmonics=np.zeros((3, 1, 3), "f4"), regions=np.zeros(3, "i2"), names=("bone",),
+        background=(1.0, 1.0, 1.0),
+    )  # fmt: skip
+
+
+def test_a_file_holds_one_time_step_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("svv.job.splats.fit_splats", few_splats)
+    own = stepped(solid_ball()).steps
+    assert own is not None
+    steps = replace(own, times=(2.5, 7.0), codes=own.codes * 2, moves=own.moves * 2, own=1)
+    said = export_splats(tmp_path / "a.ply", replace(solid_ball(), steps=steps), svv.SplatOptions())
+    assert said.startswith("3 splats of degree 0") and "at time 7; svv follow --out FOLDER" in said
+    assert "time" not in export_splats(tmp_path / "a.ply", solid_ball(), svv.SplatOptions())
+
+
+def test_assistants_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cube_scene().save(tmp_path / "cube.svv")
+    shop, told = Workshop(tmp_path), list[float]()
+    said = shop.export("cube.svv", "cube.ply", 300, lambda fraction, _: told.append(fraction))
+    assert said.startswith("cube.ply: ") and "splats of degree" in said and told[-1] == 1.0 and told == sorted(told)
+    assert 100 < len(svv.read_splats(tmp_path / "cube.ply")) <= 300
+    with pytest.raises(BadInput, match=r"NAME\.ply, NAME\.spz"):
+        shop.export("cube.svv", "cube.obj")
+    with pytest.raises(BadInput, match="below the folder"):
+        shop.export("cube.svv", "../cube.ply")
+    monkeypatch.setattr("svv.render.web.page.write_html", lambda *_, **__: 2_500_000)
+    assert shop.export("cube.svv", "cube.html") == "cube.html: 2.5 MB."
+
+
+def test_vtk_is_not_needed(scene: Path, tmp_path: Path) -> None:
+    script = """
+import sys
+sys.modules["vtkmodules"] = None
+import svv
+from svv.job.splats import export_splats
+from svv.train.splats import fit, starting
+for module in (fit, starting):
+    module.VIEWS, module.PIXELS = 3, 24
+export_splats(__import__("pathlib").Path(sys.argv[2]), svv.Scene.load(sys.argv[1]), svv.SplatOptions(100, "0", 2))
+"""
+    subprocess.run([sys.executable, "-c", script, scene, tmp_path / "a.spz"], check=True)
+    assert 0 < len(svv.read_splats(tmp_path / "a.spz")) <= 100
 
 
 def test_nothing_is_left_of_a_stopped_fit(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import gzip
 import json
+import resource
+import signal
 import struct
+import sys
+import zipfile
+from collections.abc import Iterator
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +26,7 @@ from svv.render.splats.files import read_splats, write_splats
 from svv.render.splats.placing import FAR, Place, place_of
 
 SUFFIXES = (".ply", ".spz", ".glb")
+WITH_USD = pytest.param(".usdz", marks=pytest.mark.skipif(not find_spec("pxr"), reason="needs usd-core"))
 
 
 def some(n: int = 50, harmonics: int = 16, seed: int = 0) -> Splats:
@@ -62,13 +69,14 @@ def angles(a: Splats, b: Splats) -> np.ndarray:
 
 
 @given(
-    harmonics=st.sampled_from((1, 4, 9, 16)), seed=st.integers(0, 99), size=st.floats(-12.0, 12.0), away=st.floats(0, 3)
-)
-def test_a_ply_holds_all(
-    tmp_path_factory: pytest.TempPathFactory, harmonics: int, seed: int, size: float, away: float
+    harmonics=st.sampled_from((1, 4, 9, 16)), seed=st.integers(0, 99), size=st.floats(-12.0, 12.0),
+    away=st.floats(0, 3), suffix=st.sampled_from((".ply", ".glb")),
+)  # fmt: skip
+def test_a_ply_and_a_glb_hold_all(
+    tmp_path_factory: pytest.TempPathFactory, harmonics: int, seed: int, size: float, away: float, suffix: str
 ) -> None:
     splats = moved(some(20, harmonics, seed), 10.0 ** (size + away), 10.0**size)
-    path = tmp_path_factory.mktemp("ply") / "a.ply"
+    path = tmp_path_factory.mktemp("whole") / f"a{suffix}"
     write_splats(path, splats)
     back = read_splats(path)
     furthest = float(np.abs(splats.centres).max())
@@ -182,6 +190,67 @@ def test_a_glb_is_gltf_with_its_extension(tmp_path: Path, harmonics: int) -> Non
     np.testing.assert_allclose(values("COLOR_0") / 65535, np.c_[curve, splats.opacities], atol=1e-5)
 
 
+@pytest.mark.parametrize("harmonics", [1, 9])
+def test_a_usdz_is_what_openusd_reads(tmp_path: Path, harmonics: int) -> None:
+    """It finds a valid stage in a package as its specification asks, with its schema's values, in the world's place."""
+    usd, geometry = pytest.importorskip("pxr.Usd"), pytest.importorskip("pxr.UsdGeom")
+    validation = pytest.importorskip("pxr.UsdValidation")
+    splats = moved(some(33, harmonics), 1e6, 1.0)
+    assert write_splats(tmp_path / "a.usdz", splats) == []
+    with zipfile.ZipFile(tmp_path / "a.usdz") as package:
+        (entry,) = package.infolist()
+        assert entry.compress_type == zipfile.ZIP_STORED and entry.filename.endswith(".usdc")
+    content = (tmp_path / "a.usdz").read_bytes()
+    assert content.index(b"PXR-USDC") % 64 == 0, "aligned"
+    stage = usd.Stage.Open(str(tmp_path / "a.usdz"))
+    validators = validation.ValidationRegistry().GetOrLoadAllValidators()
+    assert [error.GetMessage() for error in validation.ValidationContext(validators).Validate(stage)] == []
+    assert geometry.GetStageUpAxis(stage) == "Y"
+    (prim,) = (prim for prim in stage.Traverse() if prim.GetTypeName() == "ParticleField3DGaussianSplat")
+    own = {name: np.array(prim.GetAttribute(name).Get()) for name in ("positions", "scales", "opacities")}
+    origin = geometry.Xformable(prim).ComputeLocalToWorldTransform(0.0).ExtractTranslation()
+    np.testing.assert_array_equal((own["positions"].astype(float) + origin).astype("f4"), splats.centres)
+    np.testing.assert_array_equal(own["scales"], splats.scales)  # linear
+    np.testing.assert_array_equal(own["opacities"], splats.opacities)
+    turns = [[turn.GetReal(), *turn.GetImaginary()] for turn in prim.GetAttribute("orientations").Get()]
+    np.testing.assert_array_equal(np.array(turns, "f4"), splats.rotations)
+    assert (prim.GetAttribute("radiance:sphericalHarmonicsDegree").Get() + 1) ** 2 == harmonics
+    found = np.array(prim.GetAttribute("radiance:sphericalHarmonicsCoefficients").Get())
+    np.testing.assert_array_equal(found.reshape(33, harmonics, 3), splats.harmonics)
+    low, high = np.array(prim.GetAttribute("extent").Get())
+    assert (low < own["positions"].min(axis=0)).all() and (high > own["positions"].max(axis=0)).all()
+    region = geometry.PrimvarsAPI(prim).GetPrimvar("region")
+    assert region.GetInterpolation() == "vertex"
+    np.testing.assert_array_equal(np.array(region.Get()), splats.regions)
+    assert tuple(prim.GetCustomDataByKey("svv:regions")) == splats.names
+
+
+def test_without_usd_core_a_usdz_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pxr.UsdVol", None)
+    with pytest.raises(BadInput, match=r"need the package usd-core, .* pip install"):
+        write_splats(tmp_path / "a.usdz", one())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+def test_a_region_is_hidden_in_a_file(tmp_path: Path, suffix: str) -> None:
+    """By its number or name, also after it has been read; the others stay as they are."""
+    eight = replace(some(), regions=(np.arange(50) % 8).astype(np.int16), names=tuple("abcdefgh"))
+    write_splats(tmp_path / f"eight{suffix}", eight)
+    rest = read_splats(tmp_path / f"eight{suffix}").hidden("c", 7)
+    assert sorted(set(rest.regions.tolist())) == [0, 1, 3, 4, 5, 6] and rest.names == tuple("abcdefgh")
+    splats = some()
+    write_splats(tmp_path / f"a{suffix}", splats)
+    back = read_splats(tmp_path / f"a{suffix}").hidden("bone")
+    assert set(back.regions.tolist()) == {1} and back.names == splats.names
+    np.testing.assert_array_equal(back.harmonics, splats.harmonics[splats.regions == 1])
+    np.testing.assert_array_equal(back.centres, splats.hidden(0, 2).centres)
+    with pytest.raises(BadInput, match="no region 'hair'"):
+        splats.hidden("hair")
+    with pytest.raises(BadInput, match="no splats"):
+        write_splats(tmp_path / f"b{suffix}", splats.hidden("bone", 1))
+
+
 @pytest.mark.parametrize(("origin", "unit"), [(0.0, 1e-9), (1e6, 1.0), (0.0, 1e6), (-1e-4, 1e-6)])
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_far_and_extreme_scenes_are_moved_and_told(tmp_path: Path, suffix: str, origin: float, unit: float) -> None:
@@ -230,16 +299,35 @@ def test_what_no_file_can_hold_is_refused(tmp_path: Path, changes: dict[str, np.
 
 
 def test_other_suffixes_are_refused(tmp_path: Path) -> None:
-    for path in ("a.usdz", "a.splat", "a"):
-        with pytest.raises(BadInput, match=r"NAME\.ply, NAME\.spz or NAME\.glb"):
+    for path in ("a.usda", "a.splat", "a"):
+        with pytest.raises(BadInput, match=r"NAME\.ply, NAME\.spz, NAME\.glb or NAME\.usdz"):
             write_splats(tmp_path / path, one())
-    with pytest.raises(BadInput, match=r"\.ply and \.spz"):
-        read_splats(tmp_path / "a.glb")
+    with pytest.raises(BadInput, match=r"\.ply, \.glb and \.spz"):
+        read_splats(tmp_path / "a.usdz")
     with pytest.raises(BadInput, match="No such file"):
         read_splats(tmp_path / "a.ply")
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.fixture
+def small_files() -> Iterator[None]:
+    """Files may have 700 bytes at most."""
+    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (700, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+@pytest.mark.parametrize("suffix", [*SUFFIXES, WITH_USD])
+def test_a_full_disk_is_told_and_nothing_is_left(tmp_path: Path, small_files: None, suffix: str) -> None:
+    with pytest.raises(BadInput, match=r"Cannot write .*choose another place"):
+        write_splats(tmp_path / f"a{suffix}", some(500))
+    assert list(tmp_path.iterdir()) == []
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.getrlimit(resource.RLIMIT_FSIZE)[1],) * 2)
+    write_splats(tmp_path / f"a{suffix}", some(500))
+
+
+@pytest.mark.parametrize("suffix", [*SUFFIXES, WITH_USD])
 def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     path.write_bytes(b"before")
@@ -254,18 +342,18 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path, suffix: str) -> N
         write_splats(tmp_path / "none" / f"a{suffix}", some())
 
 
-@given(suffix=st.sampled_from((".ply", ".spz")), data=st.data())
+@given(suffix=st.sampled_from(SUFFIXES), data=st.data())
 def test_damaged_files_are_read_or_refused(
     tmp_path_factory: pytest.TempPathFactory, suffix: str, data: st.DataObject
 ) -> None:
     """Whatever bytes are changed or lost: splats that can be drawn, or one sentence."""
     path = tmp_path_factory.mktemp("damaged") / f"a{suffix}"
     write_splats(path, some(3, 4))
-    plain = path.read_bytes() if suffix == ".ply" else gzip.decompress(path.read_bytes())
+    plain = gzip.decompress(path.read_bytes()) if suffix == ".spz" else path.read_bytes()
     content = bytearray(plain[: data.draw(st.one_of(st.just(len(plain)), st.integers(0, len(plain))))])
     for _ in range(data.draw(st.integers(0, 3)) if content else 0):
         content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-    path.write_bytes(bytes(content) if suffix == ".ply" else gzip.compress(bytes(content)))
+    path.write_bytes(gzip.compress(bytes(content)) if suffix == ".spz" else bytes(content))
     try:
         back = read_splats(path)
     except BadInput as error:

@@ -22,6 +22,7 @@ from svv.train.splats.starting import cameras_around, quaternions_of, turns_of
 from tests.cube import cube_scene, faint, hash_cube_scene
 from tests.nightly import nightly
 from tests.solid_ball import solid_ball
+from tests.test_web import lit
 
 SIDE = 64
 
@@ -112,13 +113,37 @@ def test_scenes_of_every_kind_become_splats(kind: str) -> None:
     assert splats.regions.max() < len(splats.names)
 
 
-def test_where_a_scene_lies_and_how_large_it_is_changes_nothing() -> None:
+def test_light_and_shadows_are_in_the_splats() -> None:
+    """A light that stays in the world, and shadows: the splats are like no other light's pictures."""
+    lamp = lit(solid_ball()).with_light(direction=(0.0, 1.0, 0.0))
+    scene = lamp.with_shadow(1.0, (1.0, 0.2, 0.0))
+    splats = fit_splats(scene, SplatOptions(count=600, steps=40, degree="1"))
+    own = likeness(splats, scene)
+    assert own > 30.0
+    assert likeness(splats, scene.with_light(direction=(0.0, -1.0, 0.0))) < own - 6.0
+    assert likeness(splats, lamp) < own - 6.0
+
+
+def test_a_light_that_follows_the_viewer_follows_in_the_splats() -> None:
+    """Harmonics hold it: without them, splats are less like it."""
+    scene = lit(solid_ball()).with_light(60.0, 20.0)
+    best, flat = (
+        likeness(fit_splats(scene, SplatOptions(count=600, steps=40, degree=degree)), scene) for degree in ("2", "0")
+    )
+    assert best > max(28.0, flat + 4.0)
+
+
+@pytest.mark.parametrize("times", [1e-9, 1e6])
+def test_where_a_scene_lies_and_how_large_it_is_changes_nothing(times: float) -> None:
     scene = solid_ball()
     box = replace(scene.occupancy.box, low=(99.5, -0.5, -0.5))
     moved = replace(scene, occupancy=replace(scene.occupancy, box=box))
     options = SplatOptions(count=300, steps=10)
     here, there = fit_splats(scene, options), fit_splats(moved, options)
     assert np.abs(there.centres - here.centres - np.array((100.0, 0.0, 0.0), np.float32)).max() < 1e-2
+    other = replace(scene.occupancy.box, low=(-0.5 * times,) * 3, size=times)
+    large = fit_splats(replace(scene, occupancy=replace(scene.occupancy, box=other)), options)
+    assert np.abs(large.centres / np.float32(times) - here.centres).max() < 1e-2
     far = replace(scene.occupancy.box, low=(1e7, 0.0, 0.0))
     with pytest.raises(BadInput, match="so far from the origin"):
         fit_splats(replace(scene, occupancy=replace(scene.occupancy, box=far)), options)

@@ -90,7 +90,7 @@ def export(
         typer.Option(
             "--out",
             "-o",
-            metavar="FILE.html|NAME.cdb|NAME.vti|NAME.vdb|NAME.ply|NAME.spz|NAME.glb",
+            metavar="FILE.html|NAME.cdb|NAME.vti|NAME.vdb|NAME.ply|NAME.spz|NAME.glb|NAME.usdz",
             help="What to write.",
         ),
     ],
@@ -105,8 +105,8 @@ def export(
     phi and theta, with depth and a layer for each region; `svv train` learns from it; after Ctrl-C, the same command
     resumes, and processes that torchrun starts share the images. NAME.vti holds colours and extinction for ParaView's
     3D view, beside a .json with the opacity function. NAME.vdb holds them as OpenVDB grids, density and Cd, for Blender
-    and Houdini. NAME.ply, NAME.spz and NAME.glb hold 3D Gaussian splats, fitted to the scene's own pictures, for
-    viewers of splats and game engines.
+    and Houdini. NAME.ply, NAME.spz, NAME.glb and NAME.usdz hold 3D Gaussian splats, fitted to the scene's own
+    pictures, for viewers of splats and game engines.
     """
     from svv.render.emptiness import HIDDEN, SHOW, hides_all
     from svv.train.run import ranks
@@ -115,7 +115,7 @@ def export(
     if write is None:
         raise BadInput(
             f"Cannot tell what to write to {out}: name a page FILE.html, a Cinema database NAME.cdb, a volume NAME.vti "
-            "or NAME.vdb, or splats NAME.ply, NAME.spz or NAME.glb."
+            "or NAME.vdb, or splats NAME.ply, NAME.spz, NAME.glb or NAME.usdz."
         )
     if write is not _page and page != PageOptions():
         raise BadInput(
@@ -128,7 +128,7 @@ def export(
             return
     if splatting != SplatOptions() and write is not _splats:
         raise BadInput(
-            f"{out} takes no options of splats, such as --splats: they are of NAME.ply, NAME.spz and NAME.glb."
+            f"{out} takes no options of splats, such as --splats: they are of NAME.ply, .spz, .glb and .usdz."
         )
     with ranks.joined(options.device) if shared else nullcontext():
         loaded = load(scene, options.device)
@@ -182,22 +182,17 @@ def _openvdb(out: Path, scene: Scene, asked: Asked, progress: Progress) -> str:
 
 
 def _splats(out: Path, scene: Scene, asked: Asked, progress: Progress) -> str:
-    from svv.render.splats.files import write_splats
-    from svv.train.splats.fit import fit_splats
+    from svv.job.splats import export_splats
 
     shared = ExportOptions(network=asked.options.network, device=asked.options.device)
     if asked != Asked(shared, splatting=asked.splatting):
         raise BadInput("Splats have the options --splats, --degree, --steps, --time-limit, --seed and --network only.")
-    options = replace(asked.splatting, network=asked.options.network)
-    splats = fit_splats(scene, options, part(progress, 0.0, 0.97))
-    notes = write_splats(out, splats, part(progress, 0.97, 1.0))
-    degree = {1: 0, 4: 1, 9: 2, 16: 3}[splats.harmonics.shape[1]]
-    return " ".join([f"{len(splats)} splats of degree {degree}, {out.stat().st_size / 1e6:.1f} MB.", *notes])
+    return export_splats(out, scene, replace(asked.splatting, network=asked.options.network), progress)
 
 
 WRITERS = {
     ".html": _page, ".cdb": _database, ".vti": _volume, ".vdb": _openvdb,
-    ".ply": _splats, ".spz": _splats, ".glb": _splats,
+    ".ply": _splats, ".spz": _splats, ".glb": _splats, ".usdz": _splats,
 }  # fmt: skip
 """Suffix of what to write -> what writes it, and returns what it wrote in a few words."""
 

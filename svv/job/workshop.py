@@ -238,6 +238,22 @@ class Workshop:
         figure(panels, path, unit=unit, value_unit=value_unit, progress=progress, tell=said.append)
         return [*said, self.shown(path)]
 
+    def export(self, scene: str, out: str, splats: int = 60_000, progress: Progress = silent) -> str:
+        """Write a scene as a page for any browser (.html), or as 3D Gaussian splats (.ply, .spz, .glb, .usdz).
+
+        Fitting splats takes about a minute; ``splats`` is how many at most. Says what to know of the file.
+        """
+        from svv.job.splats import export_splats
+        from svv.options.splats import SplatOptions
+        from svv.render.web.page import write_html
+
+        path, loaded = self.place(out), self._scene(scene)
+        if path.suffix.lower() == ".html":
+            said: list[str] = []
+            size = write_html(path, loaded, path.stem, progress=progress, tell=said.append)
+            return " ".join([f"{self.shown(path)}: {size / 1e6:.1f} MB.", *said])
+        return f"{self.shown(path)}: {export_splats(path, loaded, SplatOptions(splats), progress)}"
+
     def _new_scene(self, name: str) -> Path:
         from svv.io.files.atomic import check_writable
 
@@ -263,6 +279,6 @@ def _camera(scene: Scene, azimuth: float, elevation: float, size: int) -> Camera
 
 
 TOOLS = ("files", "info", "name", "edit", "cut", "styles", "stylize", "save_look", "apply_look", "render", "figure",
-         "views", "train")  # fmt: skip
+         "export", "views", "train")  # fmt: skip
 """Methods of :class:`Workshop` that are tools; their docstrings are what an assistant reads. Those that take long tell
 their progress, and stop when it raises."""

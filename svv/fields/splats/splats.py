@@ -6,10 +6,12 @@ Letters: N splats, K harmonics.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from svv.errors import BadInput
 
 Floats = NDArray[np.float32]
 
@@ -46,3 +48,24 @@ class Splats:
 
     def __len__(self) -> int:
         return len(self.centres)
+
+    def hidden(self, *regions: int | str) -> Splats:
+        """Return the splats without those of some regions, by number or name; raises BadInput if there is no such one.
+
+        Splats are where pictures showed something: to see what a region covers, hide it in the scene instead.
+
+        >>> two = svv.Splats(
+        ...     centres=np.zeros((2, 3), "f4"), scales=np.ones((2, 3), "f4"), rotations=np.eye(4, dtype="f4")[[0, 0]],
+        ...     opacities=np.ones(2, "f4"), harmonics=np.zeros((2, 1, 3), "f4"), regions=np.array([0, 1], "i2"),
+        ...     names=("bone", "skin"), background=(1.0, 1.0, 1.0))
+        >>> two.hidden("skin").regions.tolist()
+        [0]
+        """
+        kept = np.ones(len(self), np.bool_)
+        for region in regions:
+            numbers = [k for k, name in enumerate(self.names) if region in (k, name)]
+            if not numbers:
+                raise BadInput(f"There is no region {region!r} among these splats, only {', '.join(self.names)}.")
+            kept &= ~np.isin(self.regions, numbers)
+        arrays = ("centres", "scales", "rotations", "opacities", "harmonics", "regions")
+        return replace(self, **{name: getattr(self, name)[kept] for name in arrays})

@@ -1,4 +1,4 @@
-"""ParaView's readers for scenes and view sets, and the writer of scenes."""
+"""ParaView's readers for scenes and view sets, and the writers of scenes and of their splats."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from paraview.util.vtkAlgorithm import smproperty, smproxy
+from vtkmodules.vtkCommonCore import vtkOutputWindow
 from vtkmodules.vtkCommonDataModel import vtkDataObject
 
 from svv.errors import BadInput
+from svv.options.splats import SplatOptions
 from svv.pv.panel.groups import takes_scene
+from svv.pv.panel.option_panel import options_in, properties_of
 from svv.pv.panel.properties import file, panel, shown_view, status
 from svv.pv.vtk_types import Data, InInfo, OutInfo, Request
 from svv.pv.work.base import Filter, ViewsOutput, set_image_information
@@ -19,24 +22,46 @@ if TYPE_CHECKING:
     from svv.fields.scene.scene import Scene
     from svv.io.views.viewset import ViewSet
 
-__all__ = ["StyleRFSceneReader", "StyleRFSceneWriter", "StyleRFViewsReader"]
+__all__ = ["StyleRFSceneReader", "StyleRFSceneWriter", "StyleRFSplatsWriter", "StyleRFViewsReader"]
 
 
-@smproxy.writer("StyleRF scenes", extensions="svv", support_reload=False)
-@panel(file("FileName", "svv", "Scenes", "The file to write.", save=True))
-@takes_scene
-class StyleRFSceneWriter(Filter):
-    """Write a scene to a file (.svv)."""
+class Writer(Filter):
+    """Base class of writers of scenes."""
 
     ports = (1, 0, "vtkTable")
-
-    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> None:
-        finished_scene_of(inputs[0]).save(self.values["FileName"])
 
     def Write(self) -> None:
         """Write the file; called by Save Data."""
         self.Modified()
         self.Update()
+
+
+@smproxy.writer("StyleRF scenes", extensions="svv", support_reload=False)
+@panel(file("FileName", "svv", "Scenes", "The file to write.", save=True))
+@takes_scene
+class StyleRFSceneWriter(Writer):
+    """Write a scene to a file (.svv)."""
+
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> None:
+        finished_scene_of(inputs[0]).save(self.values["FileName"])
+
+
+@smproxy.writer("StyleRF splats", extensions=["ply", "spz", "glb", "usdz"], support_reload=False)
+@panel(
+    file("FileName", "ply spz glb usdz", "Gaussian splats", "The file to write.", save=True),
+    *properties_of(SplatOptions()),
+)
+@takes_scene
+class StyleRFSplatsWriter(Writer):
+    """Fit Gaussian splats to a scene, and write them to a file (.ply, .spz, .glb, .usdz)."""
+
+    def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> None:
+        from svv.job.splats import export_splats
+
+        path, options = Path(self.values["FileName"]), options_in(SplatOptions, self.values)
+        with self.training() as progress:
+            said = export_splats(path, finished_scene_of(inputs[0]), options, progress)
+        vtkOutputWindow.GetInstance().DisplayText(f"{path.name}: {said}\n")
 
 
 @smproxy.reader("StyleRF scenes", extensions="svv", label="StyleRF Scene", support_reload=False)

@@ -11,15 +11,17 @@ from __future__ import annotations
 import json
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from svv._version import __version__
 from svv.core.colour.srgb import linear
-from svv.errors import Progress, silent
+from svv.core.json_values import number_in, parsed, vector_in
+from svv.errors import BadInput, Progress, silent
 from svv.fields.splats.splats import Splats
 from svv.io.files.atomic import atomic_path
-from svv.render.splats.placing import Place
+from svv.render.splats.placing import Place, regions_of
 
 EXTENSION = "KHR_gaussian_splatting"
 FLOAT, SHORT = 5126, 5123
@@ -41,7 +43,7 @@ def write_glb(path: Path, splats: Splats, place: Place, progress: Progress = sil
         "asset": {"version": "2.0", "generator": f"svv {__version__}"}, "extensionsUsed": [EXTENSION],
         "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [_node(place)],
         "meshes": [{
-            "name": "splats", "extras": {"regions": splats.names, "background": splats.background},
+            "name": "splats", "extras": {"regions": splats.names, "background": splats.background, "unit": place.unit},
             "primitives": [{
                 "mode": 0, "attributes": {key: number for number, key in enumerate(attributes)},
                 "extensions": {EXTENSION: {"kernel": "ellipse", "colorSpace": "srgb_rec709_display"}},
@@ -64,6 +66,64 @@ def write_glb(path: Path, splats: Splats, place: Place, progress: Progress = sil
             progress(number / len(blocks), "writing")
             file.write(block)
     progress(1.0, "writing")
+
+
+def read_glb(path: Path) -> tuple[Splats, Place]:
+    """Return the splats of a file in its own place, and the place; raises BadInput if it has no one mesh of them."""
+    content = path.read_bytes()
+    try:
+        told, body = _chunks(content)
+        (node,) = told["nodes"]
+        mesh = told["meshes"][node["mesh"]]
+        (primitive,) = mesh["primitives"]
+        if EXTENSION not in primitive["extensions"] or node.keys() & {"rotation", "scale", "matrix", "children"}:
+            raise ValueError("other meshes")
+        numbers = primitive["attributes"]
+
+        def values(key: str, width: int) -> np.ndarray:
+            return _floats(told, body, numbers[key], width)
+
+        degrees = [n for n in range(4) if f"{EXTENSION}:SH_DEGREE_{n}_COEF_0" in numbers]
+        harmonics = [values(f"{EXTENSION}:SH_DEGREE_{n}_COEF_{k}", 3) for n in degrees for k in range(2 * n + 1)]
+        centres, opacities = values("POSITION", 3), values(f"{EXTENSION}:OPACITY", 1)[:, 0]
+        scales, turns = values(f"{EXTENSION}:SCALE", 3), values(f"{EXTENSION}:ROTATION", 4)
+        region = values("_REGION", 1)[:, 0] if "_REGION" in numbers else np.zeros(len(centres))
+        extras = mesh.get("extras") or {}
+        regions, names = regions_of(region, dict(enumerate(extras.get("regions", ()))))
+        splats = Splats(
+            centres=centres, scales=scales, rotations=np.roll(turns, 1, axis=1), opacities=opacities,
+            harmonics=np.stack(harmonics, axis=1), regions=regions, names=names,
+            background=vector_in(extras.get("background", [1, 1, 1]), "background"),
+        )  # fmt: skip
+        unit = number_in(extras.get("unit", 1.0), "unit")
+        x, y, z = vector_in(node.get("translation", [0, 0, 0]), "translation")
+    except (struct.error, LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
+        raise BadInput(
+            f"{path} is no whole .glb file with one mesh of splats, as svv writes it: copy it again, or convert it to "
+            ".ply."
+        ) from error
+    return splats, Place((x * unit, y * unit, z * unit), unit)
+
+
+def _chunks(content: bytes) -> tuple[Any, bytes]:
+    """The JSON of a file, and its numbers; raises ValueError or struct.error."""
+    magic, version, length, size, kind = struct.unpack_from("<4sIII4s", content)
+    told = parsed(content[20 : 20 + size])
+    (long, own) = struct.unpack_from("<I4s", content, 20 + size)
+    body = content[28 + size : 28 + size + long]
+    if (magic, version, kind, own) != (b"glTF", 2, b"JSON", b"BIN\0") or length > len(content) or len(body) != long:
+        raise ValueError("no .glb")
+    return told, body
+
+
+def _floats(told: Any, body: bytes, number: int, width: int) -> np.ndarray:
+    """The numbers of an accessor. (N, width)"""
+    accessor = told["accessors"][number]
+    view = told["bufferViews"][accessor["bufferView"]]
+    if (accessor["componentType"], accessor["type"]) != (FLOAT, KINDS[width]) or "byteStride" in view:
+        raise ValueError("other numbers")
+    start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+    return np.frombuffer(body, "<f4", accessor["count"] * width, start).reshape(-1, width)
 
 
 def _attributes(splats: Splats) -> dict[str, np.ndarray]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from svv.errors import BadInput
 from svv.fields.splats.splats import Splats
@@ -71,6 +73,13 @@ def in_world(splats: Splats, place: Place) -> Splats:
         return splats
     centres = (splats.centres.astype(float) * place.unit + place.origin).astype(np.float32)
     return replace(splats, centres=centres, scales=(splats.scales.astype(float) * place.unit).astype(np.float32))
+
+
+def regions_of(numbers: np.ndarray, named: Mapping[int, object]) -> tuple[NDArray[np.int16], tuple[str, ...]]:
+    """Return the regions (N,) of a file's numbers (N,), -1 for what is none, and the regions' names, or numbers."""
+    regions = np.clip(np.nan_to_num(numbers, nan=-1.0), -1, np.iinfo(np.int16).max).astype(np.int16)
+    count = max(int(regions.max(initial=0)) + 1, len(named))
+    return regions, tuple(str(named.get(k, k)) for k in range(count))
 
 
 def check_splats(splats: Splats) -> None:

@@ -17,7 +17,7 @@ from svv.core.json_values import number_in, parsed, vector_in
 from svv.errors import BadInput, Progress, silent
 from svv.fields.splats.splats import Splats
 from svv.io.files.atomic import atomic_path
-from svv.render.splats.placing import Place
+from svv.render.splats.placing import Place, regions_of
 
 LEAST_ALPHA = 1e-6
 """Opacities are at least this much from 0 and 1, whose logits are infinite."""
@@ -112,9 +112,8 @@ def _splats_of(columns: dict[str, np.ndarray], wanted: list[str], told: dict[str
 
     n = len(columns["x"])
     rest = stacked("f_rest_").reshape(n, 3, -1).transpose(0, 2, 1) if "f_rest_0" in wanted else np.zeros((n, 0, 3))
-    numbers = np.nan_to_num(columns.get("region", np.zeros(n)), nan=-1.0)  # which is no region
-    regions = np.clip(numbers, -1, np.iinfo(np.int16).max).astype(np.int16)
-    count = max(int(regions.max(initial=0)) + 1, sum(key.startswith("region ") for key in told))
+    named = {int(key.split()[1]): value for key, value in told.items() if key.startswith("region ")}
+    regions, names = regions_of(columns.get("region", np.zeros(n)), named)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # who reads checks all values
         turns = stacked("rot_")
         turns /= np.linalg.norm(turns, axis=1, keepdims=True)
@@ -123,6 +122,6 @@ def _splats_of(columns: dict[str, np.ndarray], wanted: list[str], told: dict[str
     return Splats(
         centres=np.stack([columns[axis] for axis in "xyz"], axis=1), scales=scales, rotations=rotations,
         opacities=opacities, harmonics=np.concatenate([stacked("f_dc_")[:, None], rest], axis=1).astype(np.float32),
-        regions=regions, names=tuple(str(told.get(f"region {k}", k)) for k in range(count)),
+        regions=regions, names=names,
         background=vector_in(told.get("background", [1, 1, 1]), "background"),
     )  # fmt: skip

@@ -216,9 +216,11 @@ class Reconstruction:
         density, encoding = self.field.density, self.field.encoding
         assert density is not None and isinstance(encoding, SparseLattice)
         where = self.occupancy.occupied, self.occupancy.cells
+        self.tables.forget()  # before there are new tables beside theirs
         finer = () if self.known and not self.settings.refine_known else (2 * density.resolutions[-1],)
         self.field.density = density.restricted(*where, finer=finer)
         self.field.encoding = encoding.restricted(*where)
+        del density, encoding
         self.tables.restart(self.field.encodings)
         self.marching = replace(self.marching, step=0.5 * self.marching.step)
         self.refined = self.occupancy
@@ -256,6 +258,7 @@ class Reconstruction:
 
     def finish(self) -> tuple[BaseField, Occupancy]:
         """Return the trained field, frozen, with features only in cells that are left, and the occupancy."""
+        self.tables.forget()
         if self.field.density is not None and isinstance(self.field.encoding, SparseLattice):
             where = self.occupancy.occupied, self.occupancy.cells
             self.field.density = self.field.density.summed(*where)

@@ -20,6 +20,7 @@ from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.recorded import StepNumbers
 from svv.kernels.types import Room, Samples, TrainingKernels
+from svv.measure import trim_memory
 from svv.train.base.first_extinction import FAINT_PRUNE_LEAST, Beginning, largest_extinction, log_extinction
 from svv.train.base.tomography import mostly_opaque
 from svv.train.run import ranks
@@ -302,6 +303,7 @@ def reconstruct(
     if loop.done:
         work.prune(grow=False)
     base, pruned = work.finish()
+    trim_memory()
     seconds += ready - begin + time.monotonic() - done
     return base, pruned, Marching(work.marching.step), seconds, _why_there(loop, running.limit, settings)
 

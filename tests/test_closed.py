@@ -8,12 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
+import hypothesis
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import array_shapes
-from hypothesis.extra.numpy import arrays as drawn_arrays
+from hypothesis.extra import numpy as drawn
 from typer.testing import CliRunner
 
 from svv.cli.app import app
@@ -138,7 +137,10 @@ def test_arrays_of_other_sizes_are_refused_before_the_file_is_written_again(kind
     assert read_closed(path) is not None
 
 
-@given(drawn_arrays(np.uint8, array_shapes(min_dims=3, max_dims=3, max_side=5), elements=st.integers(0, 1)), st.integers(0, 4))
+OCCUPIED = drawn.arrays(np.uint8, drawn.array_shapes(min_dims=3, max_dims=3, max_side=5), elements=st.integers(0, 1))
+
+
+@hypothesis.given(OCCUPIED, st.integers(0, 4))
 def test_vertices_are_counted_as_lattices_have_them(occupied: Any, power: int) -> None:
     lattice = SparseLattice(occupied, 4, (2**power,), 1)
     assert count_vertices(occupied, 4, 2**power) == len(lattice.table)

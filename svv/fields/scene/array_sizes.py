@@ -38,7 +38,7 @@ def check_array_sizes(header: Mapping[str, Any], tensors: Arrays, occupied: NDAr
 
 
 def count_vertices(occupied: NDArray[np.uint8], cells: int, resolution: int) -> int:
-    """Return how many vertices cells (X, Y, Z), ``cells`` per box unit, have at a resolution that divides or is divided.
+    """Return how many vertices cells (X, Y, Z), ``cells`` per box unit, have at a resolution: a divisor, or a multiple.
 
     Those of finer cells lie on the corners, edges, faces and inside of the given ones, each of which is counted once.
 

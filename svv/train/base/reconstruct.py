@@ -231,6 +231,7 @@ class Reconstruction:
         """Forget what depends on the occupied cells and the lattices."""
         self.room.forget()
         self.recorded.forget()
+        trim_memory()  # the holes that smaller tables leave among the others
 
     def prune(self, grow: bool) -> None:
         """Remove the cells in which nothing is visible any more."""
@@ -239,6 +240,7 @@ class Reconstruction:
         depth = largest * self.marching.step
         pruned = self.occupancy.pruned(depth, least_extinction(self.prune_least, float(depth.max())), grow)
         if pruned.occupied.any():
+            self.occupancy.forget_distances()
             self.occupancy = pruned
             self._forget()
 

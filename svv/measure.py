@@ -48,8 +48,13 @@ def usable_cpus() -> int:
 
 
 def give_memory_back() -> None:
-    """Return freed memory to the operating system; glibc would otherwise keep it for later."""
+    """Free cycles of objects, and return freed memory to the operating system."""
     gc.collect()
+    trim_memory()
+
+
+def trim_memory() -> None:
+    """Return freed memory to the operating system; glibc would otherwise keep it for later."""
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
         if trim is not None:

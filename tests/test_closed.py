@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
+import hypothesis
 import numpy as np
 import pytest
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as drawn
 from typer.testing import CliRunner
 
 from svv.cli.app import app
 from svv.core.volumes.classified import grid_shape
 from svv.errors import BadInput
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.scene.array_sizes import count_vertices
 from svv.fields.scene.closed import NeedsNetworks, read_closed
 from svv.fields.scene.expected import CELLS, ExpectedErrors
 from svv.fields.scene.joined import joined
@@ -113,6 +119,31 @@ def test_other_scenes_are_loaded_whole(kind: str, tmp_path: Path) -> None:
     if kind == "damaged":
         write_scene_file(path, header, {**arrays, "base.geometry_mlp.0.weight": np.full((2, 2), np.nan, np.float32)})
     assert read_closed(path) is None
+
+
+@pytest.mark.parametrize("kind", MAKE)
+def test_arrays_of_other_sizes_are_refused_before_the_file_is_written_again(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.svv"
+    MAKE[kind]().save(path)
+    header, arrays = read_scene_file(path)
+    needed = [name for name in arrays if re.match(r"(base|pcn|styled|variant\d)\.", name) or name == "occupied"]
+    for name in needed:
+        write_scene_file(path, header, {**arrays, name: np.concatenate([arrays[name], arrays[name][:1]])})
+        if header["settings"]["encoding"] == "lattice":
+            assert read_closed(path) is None, name
+            with pytest.raises(BadInput, match="is damaged"):
+                Scene.load(path)
+    write_scene_file(path, header, arrays)
+    assert read_closed(path) is not None
+
+
+OCCUPIED = drawn.arrays(np.uint8, drawn.array_shapes(min_dims=3, max_dims=3, max_side=5), elements=st.integers(0, 1))
+
+
+@hypothesis.given(OCCUPIED, st.integers(0, 4))
+def test_vertices_are_counted_as_lattices_have_them(occupied: Any, power: int) -> None:
+    lattice = SparseLattice(occupied, 4, (2**power,), 1)
+    assert count_vertices(occupied, 4, 2**power) == len(lattice.table)
 
 
 def test_a_truncated_file_is_refused(tmp_path: Path) -> None:

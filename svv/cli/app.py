@@ -22,7 +22,7 @@ from svv._version import __version__
 from svv.cli import paraview
 from svv.cli.added import added, added_command
 from svv.cli.options import examples
-from svv.ending import end_with
+from svv.ending import end_with, leave
 from svv.errors import BadInput, Cancelled, Elsewhere
 from svv.io.files.locks import alone
 from svv.io.files.memory import check_address_space
@@ -211,3 +211,11 @@ def main() -> NoReturn:
             raise Cancelled from None
 
     end_with(run, "svv")
+
+
+def program() -> NoReturn:
+    """Run the command line in a process of its own, which ends with it."""
+    try:
+        main()
+    except SystemExit as ending:
+        leave(int(ending.code or 0))

@@ -15,6 +15,7 @@ from vtkmodules.vtkCommonCore import vtkVersion
 from svv.bricks.formats.source import Level
 from svv.core.colour.shading import Shading
 from svv.core.geometry.cameras import Camera, sphere_cameras
+from svv.core.images.blank import blank, draw_into
 from svv.core.sharing import ALONE
 from svv.core.volumes.classified import ClassifiedVolume
 from svv.dvr.draw.casters import CpuMapper, GpuMapper, Pixels, choose_mapper
@@ -325,16 +326,16 @@ def drawn(
         if not cameras or len({(camera.width, camera.height) for camera in cameras}) != 1:
             raise BadInput("Rendering needs at least one camera, and one image size for all cameras.")
         first = cameras[0]
-        images = np.empty((len(cameras), first.height, first.width, 4), np.uint8)
+        images = blank((len(cameras), first.height, first.width, 4))
         sharing = ALONE if kept is None else kept.sharing
         mine = sharing.mine(len(cameras))
         for done, i in enumerate(mine):
-            images[i] = _image(caster, cameras[i], i, kept)
+            draw_into(images[i], _image(caster, cameras[i], i, kept))
             progress((done + 1) / len(mine), "Rendering views")
         sharing.wait()
         if sharing.is_first:
             for i in sorted({*range(len(cameras))} - {*mine}):
-                images[i] = _image(caster, cameras[i], i, kept)
+                draw_into(images[i], _image(caster, cameras[i], i, kept))
     finally:
         caster.close()
     return images

@@ -76,7 +76,8 @@ class Encoding(nn.Module):
     def randomize(self, scale: float, generator: torch.Generator) -> None:
         """Fill the table with uniform numbers in [-scale, scale]."""
         with torch.no_grad():
-            self.table.copy_((torch.rand(self.table.shape, generator=generator) * 2.0 - 1.0) * scale)
+            for rows in self.table.split(ROWS_AT_A_TIME):
+                rows.copy_((torch.rand(rows.shape, generator=generator) * 2.0 - 1.0) * scale)
 
     def forward(self, x: Tensor) -> Tensor:
         """Return features (S, width) at box coordinates (S, 3), both float32."""
@@ -278,8 +279,16 @@ class LatticeAdam:
         """Optimise these encodings from now on, from a fresh state; a checkpoint that holds the optimiser follows."""
         self.encodings = list(encodings)
         self.finer = [e.rows_of_level(0).stop if isinstance(e, SparseLattice) else 0 for e in self.encodings]
+        self.forget()
         self.moments = [e.table.new_zeros(2, *e.table.shape) for e in self.encodings]
         self.age = [e.table.new_zeros(len(e.table), dtype=torch.int32) for e in self.encodings]
+
+    def forget(self) -> None:
+        """Free the state of the tables that were optimised, which have been replaced or are as they should be."""
+        self.moments: list[Tensor] = []
+        self.age: list[Tensor] = []
+        for encoding in self.encodings:
+            encoding.gradient = encoding.used = None
 
     def step(self, rates: Sequence[float | Tensor], pulls: Sequence[float | Tensor] | None = None) -> None:
         """Take one step with a learning rate for each encoding, and clear the gradients it used.

@@ -21,18 +21,13 @@ from svv.fields.radiance.encodings import Encoding, HashGrid, SparseLattice
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.phong import Beams, PhongLight
 from svv.fields.radiance.rendering import Extinction
+from svv.fields.radiance.widths import DIRECTION_WIDTH, FACING_WIDTH
 from svv.fields.strokes.stored_strokes import Brushed
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import Samples, Table
 
-DIRECTION_WIDTH = 16
-"""Number of spherical harmonics of degree 4."""
-
 CONSTANT_HARMONIC, LINEAR_HARMONIC = 0.28209479177387814, 0.48860251190291987
 """Value of the first one, and factor of the next three, which are -y, z and -x of a direction."""
-
-FACING_WIDTH = 2
-"""Number of inputs that tell how far a normal turns to a ray: the cosine's absolute value, and its square."""
 
 
 @dataclass(frozen=True)

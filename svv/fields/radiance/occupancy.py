@@ -35,6 +35,9 @@ the views are enough in small sets. Chance alone leaves nothing that as many vie
 LEAST_EXTINCTION_SHARE = 0.05
 """Fraction of a scene's largest extinction above which cells are occupied in any case, however faint the scene is."""
 
+CELLS_AT_A_TIME = 1 << 18
+"""Cells whose largest extinction is looked for together, to bound the memory."""
+
 PRUNED = 0.003
 """Optical depth of a training step below which a cell counts as empty."""
 
@@ -67,6 +70,10 @@ class Occupancy:
         if device not in self._distance:
             self._distance[device] = kernels_of(device.type).leaps(self.occupied_on(device))
         return self._distance[device]
+
+    def forget_distances(self) -> None:
+        """Free what :meth:`distance_on` keeps, which is eight times as large as the cells."""
+        self._distance.clear()
 
     @property
     def fraction(self) -> float:
@@ -163,6 +170,8 @@ def largest_in(
 
     It is that of 27 points of a cell, or of its ``corners``, which are enough if the exponent is linear between them.
     """
+    if len(corner) > CELLS_AT_A_TIME:
+        return torch.cat([largest_in(exponent, some, occupancy, corners) for some in corner.split(CELLS_AT_A_TIME)])
     largest = torch.full((len(corner),), -torch.inf, device=corner.device)
     for places in itertools.product(*(_places(axis, corner, occupancy, corners) for axis in range(3))):
         largest = torch.maximum(largest, exponent(torch.stack(places, dim=1)))

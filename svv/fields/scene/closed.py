@@ -16,9 +16,10 @@ from svv.core.geometry.cameras import CameraRig
 from svv.core.json_values import text_in
 from svv.errors import BadInput
 from svv.fields.scene import edits
+from svv.fields.scene.array_sizes import check_array_sizes
 from svv.fields.scene.history import History, cuts_in
 from svv.fields.scene.region import Region, label_of
-from svv.fields.scene.scene_validation import box_of, check_finite, values_of
+from svv.fields.scene.scene_validation import box_of, check_finite, occupied_of, values_of
 from svv.fields.scene.style_pictures import made_in
 from svv.io.scene_file import info_in, parse_scene, scene_content, told_of, write_with_header
 
@@ -205,6 +206,7 @@ def read_closed(path: str | Path) -> ClosedScene | None:
         return None
     try:
         check_finite(tensors)
+        check_array_sizes(header, tensors, occupied_of(header, tensors, box_of(header["box"])))
         regions, rig = _regions_in(header), header["camera_rig"]
         if any(region.layer or region.part_of is not None for region in regions):
             return None

@@ -25,6 +25,7 @@ from svv.core.json_values import (
     whole_in,
 )
 from svv.core.volumes.classified import grid_shape
+from svv.fields.radiance.widths import DIRECTION_WIDTH, FACING_WIDTH
 from svv.io.files.declared_sizes import check_fits
 
 if TYPE_CHECKING:
@@ -138,8 +139,6 @@ def check_sizes(
     header: Mapping[str, Any], tensors: Arrays, settings: FieldSettings, occupied: NDArray[np.uint8]
 ) -> None:
     """Check that networks of the sizes that the header declares are in the file."""
-    from svv.fields.radiance.networks import DIRECTION_WIDTH, FACING_WIDTH
-
     hidden, features = tensors["base.colour_mlp.0.weight"].shape
     geometry = len(settings.resolutions) * settings.features if settings.encoding == "lattice" else 15
     if hidden != settings.width or features != geometry + DIRECTION_WIDTH + FACING_WIDTH * settings.facing:

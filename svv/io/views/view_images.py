@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from svv.core.geometry.cameras import Camera
+from svv.core.images.blank import blank, draw_into
 from svv.errors import BadInput, Progress
 from svv.io.files.declared_sizes import check_pixels
 from svv.io.pictures.gamma import as_srgb, converted, exponent_of, stored
@@ -92,10 +93,10 @@ class _Whole:
         """Return the image in its place in the array if it fits there."""
         with self._lock:
             if not self._array.size and image.shape[-1] == 4:
-                self._array = np.empty((self._count, *image.shape), np.uint8)
+                self._array = blank((self._count, *image.shape))
         if image.shape != self._array.shape[1:]:
             return image
-        self._array[number] = image
+        draw_into(self._array[number], image)
         return np.asarray(self._array[number])
 
     def of(self, images: Sequence[Images]) -> Images:

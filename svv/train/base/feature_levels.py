@@ -9,8 +9,9 @@ import torch
 from torch import nn
 
 from svv.fields.radiance.encodings import SparseLattice
-from svv.fields.radiance.networks import DIRECTION_WIDTH, BaseField, encode_directions
+from svv.fields.radiance.networks import BaseField, encode_directions
 from svv.fields.radiance.rendering import composite, march
+from svv.fields.radiance.widths import DIRECTION_WIDTH
 from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 

@@ -20,6 +20,7 @@ from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.recorded import StepNumbers
 from svv.kernels.types import Room, Samples, TrainingKernels
+from svv.measure import trim_memory
 from svv.train.base.first_extinction import FAINT_PRUNE_LEAST, Beginning, largest_extinction, log_extinction
 from svv.train.base.tomography import mostly_opaque
 from svv.train.run import ranks
@@ -216,9 +217,11 @@ class Reconstruction:
         density, encoding = self.field.density, self.field.encoding
         assert density is not None and isinstance(encoding, SparseLattice)
         where = self.occupancy.occupied, self.occupancy.cells
+        self.tables.forget()  # before there are new tables beside theirs
         finer = () if self.known and not self.settings.refine_known else (2 * density.resolutions[-1],)
         self.field.density = density.restricted(*where, finer=finer)
         self.field.encoding = encoding.restricted(*where)
+        del density, encoding
         self.tables.restart(self.field.encodings)
         self.marching = replace(self.marching, step=0.5 * self.marching.step)
         self.refined = self.occupancy
@@ -228,6 +231,7 @@ class Reconstruction:
         """Forget what depends on the occupied cells and the lattices."""
         self.room.forget()
         self.recorded.forget()
+        trim_memory()  # the holes that smaller tables leave among the others
 
     def prune(self, grow: bool) -> None:
         """Remove the cells in which nothing is visible any more."""
@@ -237,6 +241,7 @@ class Reconstruction:
         depth = largest * self.marching.step
         pruned = self.occupancy.pruned(depth, least_extinction(self.prune_least, float(depth.max())), grow)
         if pruned.occupied.any():
+            self.occupancy.forget_distances()
             self.occupancy = pruned
             self._forget()
 
@@ -257,6 +262,7 @@ class Reconstruction:
 
     def finish(self) -> tuple[BaseField, Occupancy]:
         """Return the trained field, frozen, with features only in cells that are left, and the occupancy."""
+        self.tables.forget()
         if self.field.density is not None and isinstance(self.field.encoding, SparseLattice):
             where = self.occupancy.occupied, self.occupancy.cells
             self.field.density = self.field.density.summed(*where)
@@ -300,6 +306,7 @@ def reconstruct(
     if loop.done:
         work.prune(grow=False)
     base, pruned = work.finish()
+    trim_memory()
     seconds += ready - begin + time.monotonic() - done
     return base, pruned, Marching(work.marching.step), seconds, _why_there(loop, running.limit, settings)
 

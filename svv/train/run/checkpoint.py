@@ -56,7 +56,7 @@ class Checkpoint:
         """Record that a stage is done, with its results, which replace those of the previous stages."""
         self.finished[stage] = values
         self.arrays, self._state, self._progress = arrays, {}, {}
-        self._write()
+        self.write({}, {})
 
     def stage(
         self, name: str, network: nn.Module, optimiser: torch.optim.Optimizer | NetworkAdam, tables: LatticeAdam
@@ -70,11 +70,12 @@ class Checkpoint:
             return None
         return {k[6:]: v for k, v in self._state.items() if k.startswith("extra.")}
 
-    def _write(self) -> None:
+    def write(self, progress: Mapping[str, object], state: Mapping[str, NDArray[np.generic]]) -> None:
+        """Write the file, with the state of a stage in progress, which is not kept: it is as large as the scene."""
         if not ranks.is_first():
             return
-        header = {"key": self.key, "finished": self.finished, "progress": self._progress}
-        arrays = {f"done.{k}": v for k, v in self.arrays.items()} | {f"state.{k}": v for k, v in self._state.items()}
+        header = {"key": self.key, "finished": self.finished, "progress": progress}
+        arrays = {f"done.{k}": v for k, v in self.arrays.items()} | {f"state.{k}": v for k, v in state.items()}
         write_scene_file(self.path, header, arrays)
 
     def remove(self) -> None:
@@ -126,6 +127,4 @@ class StageState:
         state |= {f"extra.{k}": v for k, v in extra.items()}
         for number, parts in self.optimiser.state_dict()["state"].items():
             state |= {f"adam.{number}.{k}": v.cpu().numpy() for k, v in parts.items()}
-        self.checkpoint._state = state
-        self.checkpoint._progress = {"stage": self.name, "done": done, "spent": spent}
-        self.checkpoint._write()
+        self.checkpoint.write({"stage": self.name, "done": done, "spent": spent}, state)

@@ -17,6 +17,9 @@ from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
 from svv.train.run.network_adam import FusedAdam, Group, NetworkAdam
 
+SUMMED = 1 << 21
+"""Numbers of a table that are summed at a time."""
+
 
 class LastGood:
     """The last state of a network of which all parameters were finite numbers."""
@@ -35,16 +38,22 @@ class LastGood:
     @torch.no_grad()
     def is_finite(self) -> bool:
         """Return whether all parameters are finite numbers."""
-        # A sum is not finite if one of its terms is not, and needs no memory.
-        return all(bool(p.sum(dtype=torch.float64).isfinite()) for p in self.network.parameters())
+        # A sum is not finite if one of its terms is not. It copies what it sums, so large tables are summed in parts.
+        values = (part for p in self.network.parameters() for part in p.reshape(-1).split(SUMMED))
+        return all(bool(part.sum(dtype=torch.float64).isfinite()) for part in values)
 
     @torch.no_grad()
     def keep(self, step: int) -> bool:
         """Keep the present state, unless a parameter is not finite; return whether it was kept."""
         if not self.is_finite():
             return False
+        if self.outgrown():
+            self._state.clear()  # before there are copies of another shape
+            self._state = {name: value.detach().clone() for name, value in self.network.state_dict().items()}
+        else:
+            for name, value in self.network.state_dict().items():
+                self._state[name].copy_(value)
         self.step = step
-        self._state = {name: value.detach().clone() for name, value in self.network.state_dict().items()}
         return True
 
     @torch.no_grad()

@@ -18,6 +18,8 @@ MARGIN = 9
 STEPS = 8
 """Number of steps of contrast that are told apart."""
 
+Place = tuple[slice, slice]
+
 
 class Pixels:
     """The pixels, drawn evenly or by their contrast.
@@ -31,21 +33,29 @@ class Pixels:
         # Tens of millions of numbers: use the smaller type if it suffices.
         kind = np.int32 if len(views) * size <= np.iinfo(np.int32).max else np.int64
 
-        def of_image(number: int) -> list[NDArray[np.integer]]:
-            image = views.images[number]
+        def steps_of(image: NDArray[np.uint8]) -> tuple[Place, NDArray[np.uint8]]:
             near = maximum_filter(image[..., 3] > 0, MARGIN)
-            step = np.full(near.shape, STEPS, np.uint8)
-            rows, columns = (slice(*_ends(near.any(axis))) for axis in (1, 0))
-            step[rows, columns] = np.minimum(contrast(image[rows, columns]) * STEPS, STEPS - 1)
-            step[~near] = STEPS
-            return [(np.flatnonzero(step == k) + number * size).astype(kind) for k in range(STEPS)]
+            place = rows, columns = slice(*_ends(near.any(axis=1))), slice(*_ends(near.any(axis=0)))
+            step = np.minimum(contrast(image[rows, columns]) * STEPS, STEPS - 1).astype(np.uint8)
+            step[~near[place]] = STEPS
+            return place, step
 
+        def list_image(number: int) -> None:
+            (place, step), whole = found[number], np.full(views.images.shape[1:3], STEPS, np.uint8)
+            whole[place] = step
+            for k in range(STEPS):
+                begin = first[number, k]
+                self.index[begin : begin + counts[number, k]] = np.flatnonzero(whole == k) + number * size
+
+        # Steps are kept in bytes and indices go to their places: lists of them would take three times the memory.
         with ThreadPoolExecutor(usable_cpus()) as pool:
-            found = list(pool.map(of_image, range(len(views))))
-        each = [np.concatenate(step) for step in zip(*found, strict=True)]
-        self.index: NDArray[np.integer] = np.concatenate(each)
-        """Flat indices among all views, by steps of contrast. (N,)"""
-        self.counts = np.array([len(step) for step in each])
+            found = list(pool.map(steps_of, views.images))
+            counts = np.array([np.bincount(step.ravel(), minlength=STEPS + 1)[:STEPS] for _, step in found])
+            first = np.cumsum(counts.T).reshape(STEPS, -1).T - counts
+            self.index: NDArray[np.integer] = np.empty(counts.sum(), kind)
+            """Flat indices among all views, by steps of contrast. (N,)"""
+            list(pool.map(list_image, range(len(views))))
+        self.counts = counts.sum(axis=0)
         """Number of pixels of each step of contrast, int64. (STEPS,)"""
 
     def drawn(

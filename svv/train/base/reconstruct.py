@@ -232,7 +232,7 @@ class Reconstruction:
     def prune(self, grow: bool) -> None:
         """Remove the cells in which nothing is visible any more."""
         exponent = partial(log_extinction, self.field)
-        largest = largest_extinction(exponent, self.occupancy, self.device, shared=True)
+        largest = largest_extinction(exponent, self.occupancy, self.device, shared=True, lattice=self.field.density)
         depth = largest * self.marching.step
         pruned = self.occupancy.pruned(depth, least_extinction(self.prune_least, float(depth.max())), grow)
         if pruned.occupied.any():

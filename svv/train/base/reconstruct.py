@@ -115,8 +115,9 @@ class Reconstruction:
             self.refine()
         rays, kernels = ranks.part(self.budget.rays), self._kernels()
         count, rates = rays.stop - rays.start, self._rates(falling(fraction, s.decay, s.hold))
-        room = None if kernels is None else self.room.of(number, count)
-        self.numbers.set(number, self.pool.seed_of(number), rates, rays, there=kernels is not None)
+        there = kernels is not None and kernels.SPARE
+        room = self.room.of(number, count) if there else None
+        self.numbers.set(number, self.pool.seed_of(number), rates, rays, there)
         if room is None:
             error = self._take(number, rays, kernels, None)
         else:

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.core.fast_math import FAST_MATH
+from svv.core.lanes import LANES, exp, gather, lane_numbers, minimum, softplus, splat, store
 from svv.kernels.numba.operations import (
     encode_into,
     harmonics_into,
@@ -41,14 +42,8 @@ BRIGHT, GLEAM, FLOOR = (np.float32(v) for v in (INTENSITY_SHIFT, SPECULAR_SHIFT,
 
 @njit(fastmath=FAST_MATH)
 def rising(x):  # type: ignore[no-untyped-def]
-    """Return 1 / (1 + e^-x), the derivative of :func:`softplus`, without infinities on the way."""
+    """Return 1 / (1 + e^-x), without infinities on the way."""
     return ONE / (ONE + np.exp(-max(x, LEAST)))
-
-
-@njit(fastmath=FAST_MATH)
-def softplus(x):  # type: ignore[no-untyped-def]
-    """Return log(1 + e^x)."""
-    return max(x, ZERO) + np.log1p(np.exp(-abs(x)))
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
@@ -94,22 +89,31 @@ def learn_base(  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=FAST_MATH)
-def _mix(raw, light, colours, mixed, weights):  # type: ignore[no-untyped-def]
-    """Write a sample's ``mixed`` colour and penalties (6,) and palette ``weights`` (P,); returns what they sum to.
+def _bend(values, first, column, shift, soft, slope):  # type: ignore[no-untyped-def]
+    """Write the softplus of a column of ``values`` (S, C) plus a ``shift``, and its derivative, from a row on."""
+    width, last = np.int32(values.shape[1]), splat(np.int32(values.shape[0] - 1))
+    for k in range(0, len(soft), LANES):
+        row = minimum(lane_numbers() + np.int32(first + k), last)
+        x = gather(values, row * width + np.int32(column)) + shift
+        store(soft, k, softplus(x))
+        store(slope, k, ONE / (ONE + exp(ZERO - x)))
 
-    ``raw`` (1 + 4 P,) and ``light`` (1 or 2,): outputs of the networks. The colour is without light.
+
+@njit(fastmath=FAST_MATH)
+def _mix(raw, colours, soft, j, mixed, weights):  # type: ignore[no-untyped-def]
+    """Write a sample's ``mixed`` colour, without light, and penalties (6,), and palette ``weights`` (P,).
+
+    ``raw`` (1 + 4 P,): output of the network; ``soft`` (., S): what :func:`_bend` makes of it. Returns what the weights
+    were divided by.
     """
     regions = len(colours)
     total, squares, offsets, red, green, blue = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
     for p in range(regions):
-        own, at = softplus(raw[1 + p]) + FLOOR, 1 + regions + 3 * p
+        own, at = soft[1 + p, j] + FLOOR, 1 + regions + 3 * p
         r, g, b = raw[at], raw[at + 1], raw[at + 2]
         weights[p], total, squares = own, total + own, squares + own * own
-        red, green, blue = (
-            red + own * (colours[p, 0] + r),
-            green + own * (colours[p, 1] + g),
-            blue + own * (colours[p, 2] + b),
-        )
+        red, green = red + own * (colours[p, 0] + r), green + own * (colours[p, 1] + g)
+        blue += own * (colours[p, 2] + b)
         offsets += r * r + g * g + b * b
     scale = ONE / total
     mixed[0], mixed[1], mixed[2], mixed[3] = scale * red, scale * green, scale * blue, offsets
@@ -120,21 +124,21 @@ def _mix(raw, light, colours, mixed, weights):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=FAST_MATH)
-def _mix_back(raw, light, colours, mixed, weights, total, g, owned, foreign, g_raw, g_light, g_colours):  # type: ignore[no-untyped-def]
-    """Write the gradients of a sample's ``raw`` and ``light`` for those of its lit colour and penalties, ``g`` (6,).
+def _mix_back(  # type: ignore[no-untyped-def]
+    raw, colours, soft, slopes, shade, j, mixed, weights, g, owned, foreign, g_raw, g_light, g_colours
+):
+    """Write the gradients of a sample's outputs of both networks for those of its lit colour and penalties, ``g`` (6,).
 
     Those of the ``colours`` are added to ``g_colours``. ``owned`` is the region that owns the sample, or negative;
     ``foreign``: the weight of its penalty.
     """
-    regions, glossy, first = len(colours), light[0] + GLEAM, raw[0] + BRIGHT
-    intensity, shade = softplus(first), ONE
+    regions = len(colours)
     along = g[0] * mixed[0] + g[1] * mixed[1] + g[2] * mixed[2]
-    g_light[0] = (g[0] + g[1] + g[2]) * rising(glossy)
-    if len(light) > 1:
-        shade = TWO * rising(light[1])
-        g_light[1] = (intensity * along + TWO * (shade - ONE) * g[4]) * shade * (ONE - HALF * shade)
-    g_raw[0] = shade * along * rising(first)
-    lit = intensity * shade
+    g_light[0] = (g[0] + g[1] + g[2]) * slopes[1 + regions, j]
+    if len(g_light) > 1:
+        g_light[1] = (soft[0, j] * along + TWO * (shade - ONE) * g[4]) * shade * (ONE - HALF * shade)
+    g_raw[0] = shade * along * slopes[0, j]
+    lit = soft[0, j] * shade
     g_0, g_1, g_2 = g[0] * lit, g[1] * lit, g[2] * lit
     mean = ZERO
     for p in range(regions):
@@ -150,52 +154,66 @@ def _mix_back(raw, light, colours, mixed, weights, total, g, owned, foreign, g_r
         g_colours[p, 2] += own * g_2
         g_raw[1 + p], mean = slope, mean + slope * own
     for p in range(regions):
-        g_raw[1 + p] = (g_raw[1 + p] - mean) / total * rising(raw[1 + p])
+        g_raw[1 + p] = (g_raw[1 + p] - mean) / mixed[6] * slopes[1 + p, j]
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def learn_palette(  # type: ignore[no-untyped-def]
-    sigma, skipped, raw, light, colours, start, count, step, shown, weight, penalties, owner, foreign, mixed, weights,
-    g_raw, g_light, g_colours, squared,
+    sigma, skipped, raw, light, colours, start, count, step, shown, weight, penalties, owner, foreign, g_raw, g_light,
+    g_colours, squared,
 ):  # fmt: skip
     """Composite rays, compare them with ``shown`` (R, 4), and write the gradients of stage 2's loss.
 
     ``raw`` (S, 1 + 4 P) and ``light`` (S, 1 or 2): outputs of the networks, of which ``g_raw`` and ``g_light`` receive
     the gradients, and each part's ``g_colours`` (PARTS, P, 3) those of the ``colours``. ``owner`` (S,): region that
-    owns each sample, or no numbers; ``foreign`` (P,): weight of the penalty of its samples. ``mixed`` (S, 8) and
-    ``weights`` (S, P) are scratch; ``squared`` (R,): squared errors of colour.
+    owns each sample, or no numbers; ``foreign`` (P,): weight of the penalty of its samples; ``squared`` (R,): squared
+    errors of colour.
     """
-    rays = start.shape[0]
+    rays, regions, shaded = start.shape[0], len(colours), light.shape[1] > 1
     for part in prange(PARTS):
+        begin, end = part * rays // PARTS, (part + 1) * rays // PARTS
+        if begin == end:
+            continue
+        zero = start[begin]
+        samples = start[end - 1] + count[end - 1] - zero
+        room = (samples + LANES - 1) // LANES * LANES
+        soft, slopes = np.empty((3 + regions, room), np.float32), np.empty((3 + regions, room), np.float32)
+        for p in range(1 + regions):
+            _bend(raw, zero, p, ZERO if p else BRIGHT, soft[p], slopes[p])
+        for p in range(light.shape[1]):
+            _bend(light, zero, p, ZERO if p else GLEAM, soft[1 + regions + p], slopes[1 + regions + p])
+        mixed, weights = np.empty((samples, 8), np.float32), np.empty((samples, regions), np.float32)
         g, out = np.empty(6, np.float32), np.empty(6, np.float32)
-        for r in range(part * rays // PARTS, (part + 1) * rays // PARTS):
+        for r in range(begin, end):
             first, behind = start[r], start[r] + count[r]
             t = ONE
             out[:] = ZERO
             for j in range(first, behind):
-                mixed[j, 6] = _mix(raw[j], light[j], colours, mixed[j], weights[j])
-                shade = TWO * rising(light[j, 1]) if light.shape[1] > 1 else ONE
-                mixed[j, 4] = (shade - ONE) * (shade - ONE)
+                k = j - zero
+                mixed[k, 6] = _mix(raw[j], colours, soft, k, mixed[k], weights[k])
+                shade = TWO * slopes[2 + regions, k] if shaded else ONE
+                mixed[k, 4] = (shade - ONE) * (shade - ONE)
                 t *= np.exp(-skipped[j])
                 left = t * np.exp(-sigma[j] * step)
                 own, t = t - left, left
-                mixed[j, 7] = own
-                lit, specular = softplus(raw[j, 0] + BRIGHT) * shade, softplus(light[j, 0] + GLEAM)
+                mixed[k, 7] = own
                 for c in range(3):
-                    out[c] += own * (lit * mixed[j, c] + specular)
-                    out[3 + c] += own * mixed[j, 3 + c]
+                    out[c] += own * (soft[0, k] * shade * mixed[k, c] + soft[1 + regions, k])
+                    out[3 + c] += own * mixed[k, 3 + c]
             squared[r] = ZERO
             for c in range(3):
                 apart = out[c] - shown[r, c]
                 squared[r] += weight[r] * apart * apart
                 out[c], out[3 + c] = TWO * THIRD * weight[r] * apart, penalties[c] * weight[r]
             for j in range(first, behind):
+                k = j - zero
                 for c in range(6):
-                    g[c] = mixed[j, 7] * out[c]
+                    g[c] = mixed[k, 7] * out[c]
+                shade = TWO * slopes[2 + regions, k] if shaded else ONE
                 owned = owner[j] if len(owner) else -1
                 most = foreign[owned] if len(owner) else ZERO
                 _mix_back(
-                    raw[j], light[j], colours, mixed[j], weights[j], mixed[j, 6], g, owned, most, g_raw[j], g_light[j],
+                    raw[j], colours, soft, slopes, shade, k, mixed[k], weights[k], g, owned, most, g_raw[j], g_light[j],
                     g_colours[part],
                 )  # fmt: skip
 
@@ -242,13 +260,12 @@ def palette(
     regions, owner, foreign = len(colours), torch.empty(0, dtype=torch.int64), torch.zeros(len(colours))
     if owned is not None:
         owner, foreign = owned.owner, owned.weight / owned.number.clamp(min=1)
-    mixed, weights = torch.empty(len(samples), 8), torch.empty(len(samples), regions)
     g_raw, g_light, g_colours = torch.empty_like(raw), torch.empty_like(light), torch.zeros(PARTS, regions, 3)
     squared, each = torch.empty(len(samples.count)), np.array([float(p) for p in penalties], np.float32)
     learn_palette(
         *_arrays(samples.sigma, samples.skipped, raw, light, colours, samples.start, samples.count),
         np.float32(samples.step), *_arrays(target.shown, target.weight), each,
-        *_arrays(owner, foreign, mixed, weights, g_raw, g_light, g_colours, squared),
+        *_arrays(owner, foreign, g_raw, g_light, g_colours, squared),
     )  # fmt: skip
     of_lighting = torch.autograd.grad(light, of_light, g_light)
     of_plain, *of_mixing = torch.autograd.grad(raw, [plain, *of_raw], g_raw)

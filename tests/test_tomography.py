@@ -201,6 +201,23 @@ def test_corners_are_enough_where_cells_are_no_finer() -> None:
     torch.testing.assert_close(*found)
 
 
+@given(st.integers(0, 2**31), st.sampled_from([1, 2, 3]), st.integers(1, 40))
+def test_vertices_tell_the_largest_extinction_in_cells(seed: int, parts: int, high: int) -> None:
+    """As many points as cells have vertices of the lattice, at the vertices, by interpolation."""
+    random = np.random.default_rng(seed)
+    occupied = (random.random((3, 4, high)) < 0.3).astype(np.uint8)
+    occupied[2, 3, high - 1] = 1
+    occupancy = Occupancy(Box((0.0, 0.0, 0.0), 1.0, (3 / high, 4 / high, 1.0)), high, occupied)
+    lattice = SparseLattice(occupied, high, (parts * high,), 1)
+    lattice.randomize(8.0, torch.Generator().manual_seed(seed))
+    found = largest_extinction(lambda _: torch.zeros(0), occupancy, CPU, lattice=lattice)
+    vertices = lattice.vertices_of_level(0, occupied, high)
+    cells = np.argwhere(occupied)
+    inside = ((vertices >= parts * cells[:, None]) & (vertices <= parts * (cells[:, None] + 1))).all(axis=2)
+    values = np.where(inside, lattice.table[:, 0].detach().numpy(), -np.inf)
+    torch.testing.assert_close(found, torch.from_numpy(np.exp(values.max(axis=1))))
+
+
 @pytest.mark.parametrize("parallel", [False, True])
 def test_a_pixel_is_found_again_from_the_points_on_its_ray(parallel: bool) -> None:
     """Points on the rays of pixels collect what the images hold there, and nothing from views behind which they lie."""

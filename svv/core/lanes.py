@@ -271,6 +271,24 @@ def gather(typing, array, at):  # type: ignore[no-untyped-def]
     return kind(array, ints), generate
 
 
+@intrinsic
+def ask_for_each(typing, array, at, offset):  # type: ignore[no-untyped-def]
+    """Ask for the memory of elements ``offset`` behind places in raster order, without waiting for it."""
+
+    def generate(context, builder, sig, values):  # type: ignore[no-untyped-def]
+        byte = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [byte, *[ir.IntType(32)] * 3])
+        function = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+        to_read, keep, data = (ir.IntType(32)(n) for n in (0, 3, 1))
+        for lane in map(ir.IntType(32), range(LANES)):
+            place = builder.sext(builder.extract_element(values[1], lane), _WORD)
+            element = builder.gep(_pointer(context, builder, sig, values, place), [values[2]])
+            builder.call(function, [builder.bitcast(element, byte), to_read, keep, data])
+        return context.get_dummy_value()
+
+    return types.void(array, ints, types.int64), generate
+
+
 def _halves(builder: ir.IRBuilder, pairs: ir.Value, of: ir.Type) -> list[ir.Value]:
     """Return the vectors of the lower and of the upper halves of a vector of integers."""
     flat = builder.bitcast(pairs, ir.VectorType(of, 2 * LANES))

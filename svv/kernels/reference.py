@@ -184,3 +184,13 @@ def leaps(occupied: Tensor) -> Tensor:
 
 def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:
     return relu_layers(x, weights)
+
+
+def loss(
+    out: Tensor, transmittance: Tensor, shown: Tensor, weight: Tensor, each: Tensor, alpha: bool
+) -> tuple[Tensor, Tensor]:
+    """Return a loss and the mean squared error of colour; see :class:`svv.kernels.types.TrainingKernels`."""
+    last = (1.0 - transmittance - shown[:, 3]).square()[:, None] if alpha else out[:, 3:]
+    missing = torch.cat([(out[:, :3] - shown[:, :3]).square(), last], dim=1)
+    errors = (weight[:, None] * missing).sum(dim=0)
+    return (errors * each).sum(), errors[:3].detach().mean()

@@ -58,7 +58,8 @@ class Limits:
     merge: bool
     """Whether samples of less weight are merged into the next one."""
     room: Room | None = None
-    """Room for the samples; None for as much as they need. Only kernels with ``TRAINING`` take one."""
+    """Room for the samples; None for as much as they need. Only kernels of training steps with rows to
+    ``SPARE`` take one."""
 
 
 UNSURE = 255
@@ -243,6 +244,9 @@ class TrainingKernels(Protocol):
     these kernels, :mod:`svv.train` computes the same in plain torch. Letters as in :class:`Kernels`, and P palette
     colours.
     """
+
+    SPARE: bool
+    """Whether samples may have rows to spare, and numbers of a step may lie on the device, so that nothing waits."""
 
     def fits(self, weights: Sequence[Tensor]) -> bool:
         """Return whether a network, given by the weights of its layers (to, from), can be part of such a step."""

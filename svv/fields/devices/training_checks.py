@@ -195,7 +195,7 @@ def check_base(kernels: Kernels, device: torch.device, seed: int, counts: Sequen
     shift = torch.rand(len(counts) + 1, generator=torch.Generator().manual_seed(seed))
     rows, place = (t.cpu() for t in kernels.representatives(at.samples.to(device), every, shift[:-1].to(device)))
     expected, there = base_in_torch(at, weights, rows, place), [w.to(device) for w in weights]
-    for spare in (False, True):
+    for spare in (False, True) if kernels.TRAINING.SPARE else (False,):
         samples, target = at.on(device, spare)
         density, features = (_cleared(lattice, device) for lattice in at.lattices)
         shifts = shift.to(device)[: len(samples.count)]
@@ -219,7 +219,9 @@ def check_palette(
     mixing = weights_of((LEVELS * FEATURES, WIDTH, 1, 1 + 4 * colours), seed + 1)
     palette = torch.rand(colours, 3, generator=generator)
     owner = torch.randint(colours, (len(at.samples),), generator=generator)
-    for spare, owns in ((False, True), (True, True), (True, False)):
+    for spare, owns in ((False, True), (False, False), (True, True), (True, False)):
+        if spare and not kernels.TRAINING.SPARE:
+            continue
         samples, target = at.on(device, spare)
         expected = palette_in_torch(at, (lighting, mixing), palette, owner if owns else None)
         lattice = _cleared(at.lattices[1], device)

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from svv.core.rays.encodings import VERTICES_A_WORD
-from svv.fields.radiance.layout_kernels import coarser, into_cells, lay_out, rows_left, sum_levels, vertices_in
+from svv.fields.radiance.layout_kernels import (
+    coarser,
+    into_cells,
+    largest_in_cells,
+    lay_out,
+    rows_left,
+    sum_levels,
+    vertices_in,
+)
 from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.types import Context, Lattice
 
@@ -171,6 +179,21 @@ class SparseLattice(Encoding):
         stored. Each vertex is therefore moved by one float32 step towards the middle of an occupied cell.
         """
         return places_of(occupied, cells, self.resolutions[level])
+
+    def largest_in_cells(self, corner: Tensor, cells: int) -> Tensor | None:
+        """Return the largest value in occupied cells with these indices. (C, 3) int64 -> (C,)
+
+        Between vertices, no value is larger than at one of them. None if the vertices do not tell: of several levels or
+        features, of cells finer than the lattice's, ``cells`` per box unit, and on a GPU.
+        """
+        if self.table.shape[1] * self.levels != 1 or self.resolutions[0] < cells or self.table.is_cuda:
+            return None
+        out, where = torch.empty(len(corner)), self.layout
+        largest_in_cells(
+            corner.contiguous().numpy(), self.resolutions[0] // cells, where.shapes[0].numpy(), where.index.numpy(),
+            self.table.detach().numpy(), out.numpy(),
+        )  # fmt: skip
+        return out
 
     def packed(self) -> dict[str, NDArray[np.generic]]:
         """Return the table as bytes: codes (V, F), and ``ends``, the range of each level's features (L, 2, F)."""

@@ -169,3 +169,22 @@ def _add_level(x, y, z, shape, step, index, table, out):  # type: ignore[no-unty
             row = (word >> BITS) + np.int64(ones_in(np.uint64(word & ((1 << (at & 31)) - 1))))
             for f in range(out.shape[0]):
                 out[f] += weight * table[row, f]
+
+
+@njit(parallel=True, cache=True)
+def largest_in_cells(corners, parts, shape, index, table, out):  # type: ignore[no-untyped-def]
+    """Write the largest value at the vertices of occupied cells (C, 3), for a lattice of one level and feature.
+
+    ``parts``: as in :func:`lay_out`; ``shape`` (3,), ``index`` (W,) and ``table`` (V, 1): see
+    :class:`svv.kernels.types.Lattice`; ``out``: result, float32. (C,)
+    """
+    words = (shape[2] + 31) >> 5
+    for c in prange(corners.shape[0]):
+        z, largest = parts * corners[c, 2], np.float32(-np.inf)
+        for x in range(parts * corners[c, 0], parts * (corners[c, 0] + 1) + 1):
+            for y in range(parts * corners[c, 1], parts * (corners[c, 1] + 1) + 1):
+                word = index[(x * shape[1] + y) * words + (z >> 5)]
+                row = (word >> BITS) + np.int64(ones_in(np.uint64(word & ((1 << (z & 31)) - 1))))
+                for k in range(parts + 1):
+                    largest = max(largest, table[row + k, 0])
+        out[c] = largest

@@ -12,16 +12,21 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.kernels.numba import beams as numba_beams
-from svv.kernels.numba import bfloat16, packets
 from svv.kernels.numba import bricks as numba_bricks
 from svv.kernels.numba import hashing as numba_hashing
 from svv.kernels.numba import image as numba_image
 from svv.kernels.numba import lattice as numba_lattice
 from svv.kernels.numba import leaping as numba_leaping
+from svv.kernels.numba import learning as numba_learning
 from svv.kernels.numba import marching as numba_marching
-from svv.kernels.numba import networks as numba_networks
+from svv.kernels.numba import operations, packets
 from svv.kernels.numba import rays as numba_rays
 from svv.kernels.numba import regions as numba_regions
+from svv.kernels.numba.operations import directions_of_samples as directions_of_samples
+from svv.kernels.numba.operations import lattice_backward as lattice_backward
+from svv.kernels.numba.operations import lattice_encode as lattice_encode
+from svv.kernels.numba.operations import network as network
+from svv.kernels.numba.operations import representatives as representatives
 from svv.kernels.reference import draw_pixels as draw_pixels
 from svv.kernels.types import (
     ImageKernels,
@@ -45,23 +50,10 @@ IMAGE: ImageKernels | None = numba_image
 STROKES: StrokeKernels | None = None
 TOMOGRAPHY: TomographyKernels | None = None
 REGIONS: RegionKernels = numba_regions
-TRAINING: TrainingKernels | None = None
+TRAINING: TrainingKernels | None = numba_learning
 
 NO_PIECES = np.zeros((0, 0), np.float32), np.zeros((0, 0), np.float32)
 """Stands for rays that are whole."""
-
-
-def lattice_encode(x: Tensor, where: Lattice, table: Tensor) -> Tensor:
-    out = torch.empty(len(x), len(where.scales) * table.shape[1])
-    x = x.contiguous()  # each layout of an array would be compiled separately
-    numba_lattice.encode(x.numpy(), *_layout(where), table.detach().numpy(), (0.0,) * table.shape[1], out.numpy())
-    return out
-
-
-def lattice_backward(x: Tensor, g: Tensor, where: Lattice, gradient: Tensor, used: Tensor) -> None:
-    width = (0.0,) * gradient.shape[1]
-    x, g = x.contiguous(), g.contiguous()
-    numba_lattice.encode_backward(x.numpy(), g.numpy(), *_layout(where), width, gradient.numpy(), used.numpy())
 
 
 def hash_encode(x: Tensor, resolutions: Tensor, offsets: Tensor, table: Tensor) -> Tensor:
@@ -142,7 +134,7 @@ def march(
         full = np.zeros(blocks, np.uint8)
         packets.march(
             origins.numpy(), directions.numpy(), distance.numpy(), np.float32(cells), np.asarray(extent, np.float32),
-            np.float32(limits.step), int(seed), first_ray, *_layout(where), table.detach().numpy()[:, 0],
+            np.float32(limits.step), int(seed), first_ray, *operations.arrays_of(where), table.detach().numpy()[:, 0],
             *bricks, np.float32(ceiling),
             *(np.float32(v) for v in (limits.least_weight, limits.keep, limits.stop, limits.fade)), limits.merge,
             *pieces, marked, *buffers, start, number, tail, full, rays_a_block,
@@ -155,15 +147,6 @@ def march(
     position, skipped, sigma, ray = packed
     found = (torch.from_numpy(a) for a in (position, sigma, skipped, ray, start, number, tail))
     return Samples(*found, limits.step), room  # type: ignore[arg-type, call-arg]
-
-
-def representatives(samples: Samples, every: float, shift: Tensor) -> tuple[Tensor, Tensor]:
-    own, start, count = (samples.sigma * samples.step).numpy(), samples.start.numpy(), samples.count.numpy()
-    begin, end, taken = np.empty_like(own), np.empty_like(own), np.empty_like(count)
-    numba_marching.cut(samples.skipped.numpy(), own, start, count, np.float32(every), shift.numpy(), begin, end, taken)
-    rows, place = np.empty(int(taken.sum()), np.int64), np.empty(len(own), np.int64)
-    numba_marching.choose(start, count, begin, end, np.cumsum(taken) - taken, rows, place)
-    return torch.from_numpy(rows), torch.from_numpy(place)
 
 
 def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:
@@ -195,25 +178,9 @@ def leaps(occupied: Tensor) -> Tensor:
     return out
 
 
-def directions_of_samples(directions: Tensor, ray: Tensor) -> Tensor:
-    out = torch.empty(len(ray), 16)
-    numba_rays.harmonics(directions.contiguous().numpy(), ray.numpy(), out.numpy())
-    return out
-
-
-def network(x: Tensor, weights: Sequence[Tensor], rough: bool) -> Tensor:
-    if rough and len(x) >= bfloat16.LEAST_SAMPLES and bfloat16.cpu_has_bfloat16():
-        return bfloat16.HalfNetwork.apply(x, *weights)
-    return numba_networks.Network.apply(x, *weights)
-
-
 @cache
 def _bias_corrections(beta1: float, beta2: float) -> NDArray[np.float32]:
     return numba_lattice.bias_corrections(np.float32(beta1), np.float32(beta2))
-
-
-def _layout(where: Lattice) -> tuple[NDArray[np.generic], ...]:
-    return where.shapes.numpy(), where.scales.numpy(), where.bases.numpy(), where.index.numpy()
 
 
 def _sample_buffers(capacity: int) -> tuple[NDArray[np.generic], ...]:

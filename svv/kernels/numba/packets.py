@@ -1,8 +1,9 @@
 """Marching of rays through occupied cells, a packet of them at a time: each lane of a vector follows a ray of its own.
 
 So a step's arithmetic is done for all rays of the packet at once, and the look-ups of all of them are on their way at
-the same time, which counts most in training, where nearly every one leaves the caches. A ray leaps through empty cells
-and ends by itself; the packet goes on until its last ray has ended.
+the same time, which counts most in training, where nearly every one leaves the caches. A thread follows several packets
+in turn: the memory that all of them are about to read is asked for before the first of them waits for it. A ray leaps
+through empty cells and ends by itself; a packet goes on until its last ray has ended.
 
 Letters: R rays, (X, Y, Z) cells of the occupancy grid. All positions are box coordinates
 (:mod:`svv.core.geometry.box`), all lengths are box units.
@@ -19,6 +20,7 @@ from svv.core.fast_math import FAST_MATH
 from svv.core.lanes import (
     LANES,
     as_floats,
+    ask_for_each,
     bits_of,
     exp,
     first_of,
@@ -53,6 +55,10 @@ SHIFTS, LEFT_OUT, TAU, FRONT, STOPS, STATE = 9, 10, 11, 12, 13, 14
 """Rows of a packet's state behind the rays' starts, directions and their inverses, and how many rows there are: shift
 of the samples, optical depth since the last kept sample and since the start of the ray, an upper bound of the
 transmittance in front of the next sample, and where the piece of the ray ends."""
+
+PACKETS = 2
+"""Packets that a thread follows in turn: .8 of the time of one; what more of them ask for no longer fits into the first
+level of the cache."""
 
 ALL = (1 << LANES) - 1
 """Bits of all lanes."""
@@ -89,22 +95,41 @@ def _between(a, b, c, d, wx, wy, wz):  # type: ignore[no-untyped-def]
     return ux * near + wx * (uy * (uz * c[0] + wz * c[1]) + wy * (uz * d[0] + wz * d[1]))
 
 
+@njit(fastmath=FAST_MATH, inline="always")
+def _in_brick(ix, iy, iz, slots):  # type: ignore[no-untyped-def]
+    """Return where the values of cells' first corners are in bricks."""
+    slot = gather(slots, ((ix >> SHIFT) * slots.shape[1] + (iy >> SHIFT)) * slots.shape[2] + (iz >> SHIFT))
+    return slot * VERTICES + (ix & MASK) * PLANE + (iy & MASK) * SIDE + (iz & MASK)
+
+
 @njit(fastmath=FAST_MATH)
 def values_in_bricks(x, y, z, scale, shape, slots, values):  # type: ignore[no-untyped-def]
     """Return the trilinear interpolations at positions in occupied cells; see :mod:`svv.kernels.numba.bricks`."""
     ix, iy, iz, wx, wy, wz = _cell(x, y, z, scale, shape)
-    slot = gather(slots, ((ix >> SHIFT) * slots.shape[1] + (iy >> SHIFT)) * slots.shape[2] + (iz >> SHIFT))
-    at = slot * VERTICES + (ix & MASK) * PLANE + (iy & MASK) * SIDE + (iz & MASK)
+    at = _in_brick(ix, iy, iz, slots)
     a, b = gather_pairs(values, at, 0), gather_pairs(values, at, SIDE)
     c, d = gather_pairs(values, at, PLANE), gather_pairs(values, at, PLANE + SIDE)
     return _between(a, b, c, d, wx, wy, wz)
 
 
 @njit(fastmath=FAST_MATH, inline="always")
-def _pairs_at(table, index, at, before, last):  # type: ignore[no-untyped-def]
-    """Return the values of vertices, and of their neighbours in z; see :func:`svv.kernels.numba.trilinear.row_at`."""
+def _rows_at(index, at, before, last):  # type: ignore[no-untyped-def]
+    """Return the rows of vertices; see :func:`svv.kernels.numba.trilinear.row_at`."""
     stored, row = gather_halves(index, at)
-    return gather_pairs(table, minimum(row + ones_in_each(stored & before), last), 0)
+    return minimum(row + ones_in_each(stored & before), last)
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _pairs_at(table, index, at, before, last):  # type: ignore[no-untyped-def]
+    """Return the values of vertices, and of their neighbours in z."""
+    return gather_pairs(table, _rows_at(index, at, before, last), 0)
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _words_at(ix, iy, iz, level, shapes, bases):  # type: ignore[no-untyped-def]
+    """Return where the index has the words of cells' first corners, and how far those of the others in y and x are."""
+    ny, words = shapes[level, 1], (shapes[level, 2] + 31) >> 5
+    return (ix * ny + iy) * words + (iz >> 5) + bases[level], words, ny * words
 
 
 @njit(fastmath=FAST_MATH)
@@ -113,14 +138,70 @@ def values_of_table(x, y, z, shapes, scales, bases, index, table):  # type: igno
     total, last = splat(ZERO), splat(np.int32(bases[shapes.shape[0]]))
     for level in range(shapes.shape[0]):
         ix, iy, iz, wx, wy, wz = _cell(x, y, z, scales[level], shapes[level])
-        ny, words = shapes[level, 1], (shapes[level, 2] + 31) >> 5
-        at = (ix * ny + iy) * words + (iz >> 5) + bases[level]
+        at, right, behind = _words_at(ix, iy, iz, level, shapes, bases)
         before = (splat(BIT) << (iz & 31)) - 1
-        a, b = _pairs_at(table, index, at, before, last), _pairs_at(table, index, at + words, before, last)
-        at = at + ny * words
-        c, d = _pairs_at(table, index, at, before, last), _pairs_at(table, index, at + words, before, last)
+        a, b = _pairs_at(table, index, at, before, last), _pairs_at(table, index, at + right, before, last)
+        at = at + behind
+        c, d = _pairs_at(table, index, at, before, last), _pairs_at(table, index, at + right, before, last)
         total = total + _between(a, b, c, d, wx, wy, wz)
     return total
+
+
+@njit(fastmath=FAST_MATH)
+def _ask_for_words(x, y, z, shapes, scales, bases, index):  # type: ignore[no-untyped-def]
+    """Ask for the words of the index that :func:`values_of_table` reads."""
+    for level in range(shapes.shape[0]):
+        ix, iy, iz, _, _, _ = _cell(x, y, z, scales[level], shapes[level])
+        at, right, behind = _words_at(ix, iy, iz, level, shapes, bases)
+        for corner in (0, right, behind, behind + right):
+            ask_for_each(index, at, corner)
+
+
+@njit(fastmath=FAST_MATH)
+def _ask_for_rows(x, y, z, shapes, scales, bases, index, table):  # type: ignore[no-untyped-def]
+    """Ask for the rows of the table that :func:`values_of_table` reads."""
+    last = splat(np.int32(bases[shapes.shape[0]]))
+    for level in range(shapes.shape[0]):
+        ix, iy, iz, _, _, _ = _cell(x, y, z, scales[level], shapes[level])
+        at, right, behind = _words_at(ix, iy, iz, level, shapes, bases)
+        before = (splat(BIT) << (iz & 31)) - 1
+        for corner in (0, right, behind, behind + right):
+            ask_for_each(table, _rows_at(index, at + corner, before, last), 0)
+
+
+@njit(fastmath=FAST_MATH)
+def _ask_for_brick(x, y, z, scale, shape, slots, values):  # type: ignore[no-untyped-def]
+    """Ask for the values that :func:`values_in_bricks` reads."""
+    ix, iy, iz, _, _, _ = _cell(x, y, z, scale, shape)
+    at = _in_brick(ix, iy, iz, slots)
+    for corner in (0, SIDE, PLANE, PLANE + SIDE):
+        ask_for_each(values, at, corner)
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _grid_cell(x, y, z, cells, shape):  # type: ignore[no-untyped-def]
+    """Return the cells of the occupancy grid in which positions lie, along each axis, or the nearest ones."""
+    low = splat(NONE)
+    cx = within(truncated(x * cells), low, splat(np.int32(shape[1] - 1)))
+    cy = within(truncated(y * cells), low, splat(np.int32(shape[2] - 1)))
+    cz = within(truncated(z * cells), low, splat(np.int32(shape[3] - 1)))
+    return cx, cy, cz
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _inside(x, y, z, extent):  # type: ignore[no-untyped-def]
+    """Return positions in the box, or the nearest ones."""
+    low = splat(ZERO)
+    return within(x, low, splat(extent[0])), within(y, low, splat(extent[1])), within(z, low, splat(extent[2]))
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _coming(state, steps, step):  # type: ignore[no-untyped-def]
+    """Return the positions of a packet's next step."""
+    t = (as_floats(load(steps, 0)) + load(state, SHIFTS * LANES)) * step
+    x = load(state, 0) + t * load(state, 3 * LANES)
+    y = load(state, LANES) + t * load(state, 4 * LANES)
+    return x, y, load(state, 2 * LANES) + t * load(state, 5 * LANES)
 
 
 @njit(fastmath=FAST_MATH, inline="always")
@@ -266,122 +347,149 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     """
     blocks = len(full)
     capacity, longest = sigma.shape[0] // blocks, int(math.ceil(math.sqrt(3.0) / step)) + 2
-    nx, ny, nz = distance.shape[1:]
     side, rate = ONE / cells, ONE / step
+    ny, nz = distance.shape[2:]
+    octants = distance.shape[1] * ny * nz
     divided, most = begins.shape[1] > 0, stop / fade if fade > 0 else NEVER
-    low = splat(NONE)
-    last_x, last_y, last_z = splat(np.int32(nx - 1)), splat(np.int32(ny - 1)), splat(np.int32(nz - 1))
-    nothing, end_x, end_y, end_z = splat(ZERO), splat(extent[0]), splat(extent[1]), splat(extent[2])
+    nothing = splat(ZERO)
     for block in prange(blocks):
-        state, steps = np.zeros((STATE, LANES), np.float32), np.zeros((3, LANES), np.int32)
-        found, kept = np.empty((KEPT, LANES), np.float32), np.empty((LANES, longest, KEPT), np.float32)
-        owner, number, piece = np.full(LANES, -1, np.int64), np.zeros(LANES, np.int64), np.zeros(LANES, np.int64)
+        states, every_steps = np.zeros((PACKETS, STATE, LANES), np.float32), np.zeros((PACKETS, 3, LANES), np.int32)
+        found, kept_of = np.empty((KEPT, LANES), np.float32), np.empty((PACKETS, LANES, longest, KEPT), np.float32)
+        owners, numbers = np.full((PACKETS, LANES), -1, np.int64), np.zeros((PACKETS, LANES), np.int64)
+        pieces, lanes_going = np.zeros((PACKETS, LANES), np.int64), np.zeros(PACKETS, np.int64)
         n, end = block * capacity, (block + 1) * capacity
         coming, after = block * rays_a_block, min(len(origins), (block + 1) * rays_a_block)
-        going = 0
-        ox = oy = oz = dx = dy = dz = rx = ry = rz = shifts = left_out = tau = front = stops = nothing
-        i, last, ahead = low, low, low
         while True:
-            if going == 0 or (number_of(going) <= ENOUGH and coming < after):
-                # Rays that have ended hand over their samples, and others take their lanes.
-                store(state, LEFT_OUT * LANES, left_out)
-                store(state, TAU * LANES, tau)
-                store(state, FRONT * LANES, front)
-                store(steps, 0, i)
-                ended = ALL & ~going
-                if divided:
-                    onward = _go_on(
-                        ended, origins, directions, extent, step, begins, ends, most, owner, piece, state, steps
-                    )
-                    going |= onward
-                    ended &= ~onward
-                n = _hand_over(
-                    ended, n, end, owner, number, kept, state, position, skipped, sigma, ray, start, count, tail
-                )
-                while coming < after and ended != 0:
-                    shift = uniform(seed, first_ray + coming, 0) if seed > 0 else HALF
-                    lane = first_of(ended)
-                    start[coming], count[coming], tail[coming] = n, 0, ZERO
+            any_going = 0
+            for packet in range(PACKETS):
+                state, steps, going = states[packet], every_steps[packet], lanes_going[packet]
+                if going == 0 or (number_of(going) <= ENOUGH and coming < after):
+                    # Rays that have ended hand over their samples, and others take their lanes.
+                    owner, number, piece = owners[packet], numbers[packet], pieces[packet]
+                    ended = ALL & ~going
                     if divided:
-                        state[LEFT_OUT, lane], state[TAU, lane], state[FRONT, lane] = ZERO, ZERO, ONE
-                        piece[lane] = begin_piece(
-                            origins, directions, extent, step, begins, ends, coming, 0, lane, state, steps
+                        onward = _go_on(
+                            ended, origins, directions, extent, step, begins, ends, most, owner, piece, state, steps
                         )
-                        begun = piece[lane] > 0
+                        going |= onward
+                        ended &= ~onward
+                    n = _hand_over(
+                        ended, n, end, owner, number, kept_of[packet], state, position, skipped, sigma, ray, start,
+                        count, tail,
+                    )  # fmt: skip
+                    if n > end:
+                        break
+                    while coming < after and ended != 0:
+                        shift = uniform(seed, first_ray + coming, 0) if seed > 0 else HALF
+                        lane = first_of(ended)
+                        start[coming], count[coming], tail[coming] = n, 0, ZERO
+                        if divided:
+                            state[LEFT_OUT, lane], state[TAU, lane], state[FRONT, lane] = ZERO, ZERO, ONE
+                            piece[lane] = begin_piece(
+                                origins, directions, extent, step, begins, ends, coming, 0, lane, state, steps
+                            )
+                            begun = piece[lane] > 0
+                        else:
+                            begun = begin(origins, directions, extent, step, shift, coming, lane, state, steps)
+                        if begun:
+                            owner[lane] = coming
+                            going |= 1 << lane
+                            ended &= ended - 1
+                        coming += 1
+                    store(steps, LANES, select(mask_of(going), load(steps, LANES), splat(ENDED)))
+                    lanes_going[packet] = going
+                any_going |= going
+                if going != 0:
+                    x, y, z = _coming(state, steps, step)
+                    cx, cy, cz = _grid_cell(x, y, z, cells, distance.shape)
+                    ask_for_each(distance, load(steps, 2 * LANES) * octants + (cx * ny + cy) * nz + cz, 0)
+                    x, y, z = _inside(x, y, z, extent)
+                    if slots.size > 0:
+                        _ask_for_brick(x, y, z, scales[0], shapes[0], slots, bricks)
                     else:
-                        begun = begin(origins, directions, extent, step, shift, coming, lane, state, steps)
-                    if begun:
-                        owner[lane] = coming
-                        going |= 1 << lane
-                        ended &= ended - 1
-                    coming += 1
-                full[block] = n > end
-                if going == 0 or n > end:
-                    break
+                        _ask_for_words(x, y, z, shapes, scales, bases, index)
+            full[block] = n > end
+            if any_going == 0 or n > end:
+                break
+            for packet in range(0 if slots.size > 0 else PACKETS):
+                x, y, z = _coming(states[packet], every_steps[packet], step)
+                x, y, z = _inside(x, y, z, extent)
+                _ask_for_rows(x, y, z, shapes, scales, bases, index, table)
+            for packet in range(PACKETS):
+                going = lanes_going[packet]
+                if going == 0:
+                    continue
+                state, steps = states[packet], every_steps[packet]
                 ox, oy, oz = load(state, 0), load(state, LANES), load(state, 2 * LANES)
                 dx, dy, dz = load(state, 3 * LANES), load(state, 4 * LANES), load(state, 5 * LANES)
                 rx, ry, rz = load(state, 6 * LANES), load(state, 7 * LANES), load(state, 8 * LANES)
                 shifts, left_out = load(state, SHIFTS * LANES), load(state, LEFT_OUT * LANES)
                 tau, front = load(state, TAU * LANES), load(state, FRONT * LANES)
-                stops = load(state, STOPS * LANES)
-                i, last = load(steps, 0), select(mask_of(going), load(steps, LANES), splat(ENDED))
-                ahead = load(steps, 2 * LANES) * (nx * ny * nz)
-            now, t = i, (as_floats(i) + shifts) * step
-            left = (stops - t) * rate + HALF
-            if divided:
-                t = minimum(t, HALF * (t - HALF * step + stops))
-            x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
-            cx = within(truncated(x * cells), low, last_x)
-            cy = within(truncated(y * cells), low, last_y)
-            cz = within(truncated(z * cells), low, last_z)
-            empty = gather(distance, ahead + (cx * ny + cy) * nz + cz)
-            sure = empty == 0
-            occupied = (i <= last) & (sure | (empty == UNSURE) if marked else sure)
-            i = i + 1
-            if bits_of(occupied) != going:
-                cell, origin = (as_floats(cx), as_floats(cy), as_floats(cz)), (ox, oy, oz)
-                following = after_leap(cell, as_floats(empty), origin, (dx, dy, dz), (rx, ry, rz), side, rate, shifts)
-                i = select(occupied, i, maximum(i, following))
-            if bits_of(occupied) != 0:
-                x, y, z = within(x, nothing, end_x), within(y, nothing, end_y), within(z, nothing, end_z)
-                if slots.size > 0:
-                    raw = values_in_bricks(x, y, z, scales[0], shapes[0], slots, bricks)
-                else:
-                    raw = values_of_table(x, y, z, shapes, scales, bases, index, table)
-                s = exp(minimum(raw, splat(ceiling)))
+                stops, ahead = load(state, STOPS * LANES), load(steps, 2 * LANES) * octants
+                i, last = load(steps, 0), load(steps, LANES)
+                now, t = i, (as_floats(i) + shifts) * step
+                left = (stops - t) * rate + HALF
                 if divided:
-                    s = s * minimum(left, splat(ONE))
-                thickness = select(occupied, s * step, nothing)
-                before = left_out if merge else nothing
-                weight = (thickness + before) * front  # an upper bound, which saves most exponentials
-                heavy = occupied & (weight >= least_weight)
-                if bits_of(heavy) != 0:
-                    seen = minimum(before - tau, nothing) if marked else before - tau
-                    front = select(heavy, exp(seen * fade), front)
-                    weight = front * (ONE - exp(ZERO - thickness - before))
-                    heavy = heavy & (weight >= least_weight)
-                taken = bits_of(heavy)
-                if keep > 0:
-                    store(steps, 0, now)
-                    taken |= _drawn(bits_of(occupied) & ~taken, steps, seed, first_ray, owner, keep)
-                behind = left_out + thickness
-                if taken != 0:
-                    store(found, 0, x)
-                    store(found, LANES, y)
-                    store(found, 2 * LANES, z)
-                    store(found, 3 * LANES, left_out - before)
-                    store(found, 4 * LANES, s + before * rate)
-                    behind = select(mask_of(taken), nothing, behind)
-                while taken != 0:
-                    lane = first_of(taken)
-                    taken &= taken - 1
-                    for k in range(KEPT):
-                        kept[lane, number[lane], k] = found[k, lane]
-                    number[lane] += 1
-                left_out = behind
-                if marked:
-                    thickness = select(sure, thickness, nothing)
-                tau = tau + thickness
-                last = select(tau * fade > stop, splat(ENDED), last)
-            i = minimum(i, last + 1)
-            going = bits_of(i <= last)
+                    t = minimum(t, HALF * (t - HALF * step + stops))
+                x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
+                cx, cy, cz = _grid_cell(x, y, z, cells, distance.shape)
+                empty = gather(distance, ahead + (cx * ny + cy) * nz + cz)
+                sure = empty == 0
+                occupied = (i <= last) & (sure | (empty == UNSURE) if marked else sure)
+                i = i + 1
+                if bits_of(occupied) != going:
+                    cell, origin = (as_floats(cx), as_floats(cy), as_floats(cz)), (ox, oy, oz)
+                    following = after_leap(
+                        cell, as_floats(empty), origin, (dx, dy, dz), (rx, ry, rz), side, rate, shifts
+                    )
+                    i = select(occupied, i, maximum(i, following))
+                if bits_of(occupied) != 0:
+                    x, y, z = _inside(x, y, z, extent)
+                    if slots.size > 0:
+                        raw = values_in_bricks(x, y, z, scales[0], shapes[0], slots, bricks)
+                    else:
+                        raw = values_of_table(x, y, z, shapes, scales, bases, index, table)
+                    s = exp(minimum(raw, splat(ceiling)))
+                    if divided:
+                        s = s * minimum(left, splat(ONE))
+                    thickness = select(occupied, s * step, nothing)
+                    before = left_out if merge else nothing
+                    weight = (thickness + before) * front  # an upper bound, which saves most exponentials
+                    heavy = occupied & (weight >= least_weight)
+                    if bits_of(heavy) != 0:
+                        seen = minimum(before - tau, nothing) if marked else before - tau
+                        front = select(heavy, exp(seen * fade), front)
+                        weight = front * (ONE - exp(ZERO - thickness - before))
+                        heavy = heavy & (weight >= least_weight)
+                    taken = bits_of(heavy)
+                    if keep > 0:
+                        store(steps, 0, now)
+                        taken |= _drawn(bits_of(occupied) & ~taken, steps, seed, first_ray, owners[packet], keep)
+                    behind = left_out + thickness
+                    if taken != 0:
+                        store(found, 0, x)
+                        store(found, LANES, y)
+                        store(found, 2 * LANES, z)
+                        store(found, 3 * LANES, left_out - before)
+                        store(found, 4 * LANES, s + before * rate)
+                        behind = select(mask_of(taken), nothing, behind)
+                    number, kept = numbers[packet], kept_of[packet]
+                    while taken != 0:
+                        lane = first_of(taken)
+                        taken &= taken - 1
+                        for k in range(KEPT):
+                            kept[lane, number[lane], k] = found[k, lane]
+                        number[lane] += 1
+                    left_out = behind
+                    if marked:
+                        thickness = select(sure, thickness, nothing)
+                    tau = tau + thickness
+                    last = select(tau * fade > stop, splat(ENDED), last)
+                i = minimum(i, last + 1)
+                going = bits_of(i <= last)
+                store(state, LEFT_OUT * LANES, left_out)
+                store(state, TAU * LANES, tau)
+                store(state, FRONT * LANES, front)
+                store(steps, 0, i)
+                store(steps, LANES, last)
+                lanes_going[packet] = going

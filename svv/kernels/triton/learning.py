@@ -27,6 +27,8 @@ from svv.kernels.triton.networks import fits as fits
 from svv.kernels.triton.training import loss as loss
 from svv.kernels.types import HARMONICS, Lattice, Owned, Samples, Table, Target
 
+SPARE = True
+"""Samples may have rows to spare."""
 BLOCK = 128
 """Samples per program."""
 RAY_BLOCK = 32

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from svv.core.rays.extinction import MOST_LOG_EXTINCTION
 from svv.core.volumes.classified import ClassifiedVolume, ValueGrid
 from svv.errors import BadInput, Progress
 from svv.fields.radiance.encodings import SparseLattice
@@ -146,18 +147,27 @@ def largest_extinction(
     device: torch.device,
     shared: bool = False,
     corners: bool = False,
+    lattice: SparseLattice | None = None,
 ) -> Tensor:
     """Return the largest extinction at 27 points of each occupied cell, in raster order.
 
     ``exponent`` is its logarithm (S,) at points (S, 3). Ranks that call this together (``shared``) each look at a part.
-    The 8 ``corners`` are enough where the exponent is interpolated between them.
+    The 8 ``corners`` are enough where the exponent is interpolated between them. If it is that of a ``lattice``, the
+    vertices of this tell instead where they can (:meth:`svv.fields.radiance.encodings.SparseLattice.largest_in_cells`).
     """
     corner = occupancy.occupied_on(device).nonzero()
+
+    def largest(some: Tensor) -> Tensor:
+        found = None if lattice is None else lattice.largest_in_cells(some, occupancy.cells)
+        if found is None:
+            return largest_in(exponent, some, occupancy, corners)
+        return found.clamp_(max=MOST_LOG_EXTINCTION).exp_()
+
     if shared and ranks.many():
         part, whole = ranks.part(len(corner)), torch.zeros(len(corner), device=device)
-        whole[part] = largest_in(exponent, corner[part], occupancy, corners)
+        whole[part] = largest(corner[part])
         return ranks.summed(whole)
-    return largest_in(exponent, corner, occupancy, corners)
+    return largest(corner)
 
 
 def log_extinction(field: BaseField, points: Tensor) -> Tensor:

@@ -116,8 +116,9 @@ class Reconstruction:
             self.refine()
         rays, kernels = ranks.part(self.budget.rays), self._kernels()
         count, rates = rays.stop - rays.start, self._rates(falling(fraction, s.decay, s.hold))
-        room = None if kernels is None else self.room.of(number, count)
-        self.numbers.set(number, self.pool.seed_of(number), rates, rays, there=kernels is not None)
+        there = kernels is not None and kernels.SPARE
+        room = self.room.of(number, count) if there else None
+        self.numbers.set(number, self.pool.seed_of(number), rates, rays, there)
         if room is None:
             error = self._take(number, rays, kernels, None)
         else:
@@ -235,9 +236,11 @@ class Reconstruction:
 
     def prune(self, grow: bool) -> None:
         """Remove the cells in which nothing is visible any more."""
-        exponent, density = partial(log_extinction, self.field), self.field.density
-        corners = density is not None and max(density.resolutions) <= self.occupancy.cells  # no vertex is within a cell
-        largest = largest_extinction(exponent, self.occupancy, self.device, shared=True, corners=corners)
+        exponent, lattice = partial(log_extinction, self.field), self.field.density
+        corners = lattice is not None and max(lattice.resolutions) <= self.occupancy.cells  # no vertex is within a cell
+        largest = largest_extinction(
+            exponent, self.occupancy, self.device, shared=True, corners=corners, lattice=lattice
+        )
         depth = largest * self.marching.step
         pruned = self.occupancy.pruned(depth, least_extinction(self.prune_least, float(depth.max())), grow)
         if pruned.occupied.any():

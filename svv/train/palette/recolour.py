@@ -115,13 +115,14 @@ class Recolouring:
         s = self.settings
         rays, kernels = ranks.part(self.budget.rays), self._kernels()
         count, rate = rays.stop - rays.start, falling(fraction, s.decay, s.hold)
-        room = None if kernels is None else self.room.of(number, count)
+        there = kernels is not None and kernels.SPARE
+        room = self.room.of(number, count) if there else None
         early = 1.0 + (s.offset_start - 1.0) * max(0.0, 1.0 - 2.0 * fraction)
         # If each point's region is known, weights need not be as little mixed.
         mixing = 0.0 if self.owners is not None and kernels is not None else s.mixing_weight
         penalties, rates = [s.offset_weight * early, self.shade_weight, mixing], [s.feature_rate * rate]
         rates += [group["full"] * rate for group in self.networks.param_groups]
-        self.numbers.set(number, self.pool.seed_of(number), [*penalties, *rates], rays, there=kernels is not None)
+        self.numbers.set(number, self.pool.seed_of(number), [*penalties, *rates], rays, there)
         if room is None:
             return self._take(number, rays, kernels, None)
         return self.recorded.take((count, room.samples), lambda: self._take(number, rays, kernels, room))

@@ -13,6 +13,7 @@ from torch import Tensor
 from svv.core.geometry.box import Box
 from svv.fields.radiance.rendering import RayCaster, Rays
 from svv.io.views.viewset import ViewSet
+from svv.kernels import reference
 from svv.kernels.constants import moved, moved_at_once, numbers_on, on_device
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import PixelSource, Target
@@ -61,12 +62,8 @@ class Batch:
         values as they are, or with ``alpha`` the squared error of alpha.
         """
         factors, fused = numbers_on(each, out.device), kernels_for(out).TRAINING
-        if fused is not None:
-            return fused.loss(out, transmittance, self.shown, self.weight, factors, alpha)
-        last = (1.0 - transmittance - self.alpha).square()[:, None] if alpha else out[:, 3:]
-        missing = torch.cat([(out[:, :3] - self.premultiplied).square(), last], dim=1)
-        errors = (self.weight[:, None] * missing).sum(dim=0)
-        return (errors * factors).sum(), errors[:3].detach().mean()
+        run = reference.loss if fused is None else fused.loss
+        return run(out, transmittance, self.shown, self.weight, factors, alpha)
 
 
 SAME = 1.0 / 16.0

@@ -7,17 +7,27 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
+import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from torch import Tensor, nn
 
 from svv.core.geometry.box import Box
+from svv.core.rays.encodings import lattice_features, spherical_harmonics
+from svv.core.rays.networks import relu_layers
 from svv.core.rounding import NETWORKS
+from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import BaseField, FieldSettings, Layers, mlp
 from svv.fields.radiance.occupancy import Occupancy
 from svv.kernels.numba import bfloat16
+from svv.kernels.numba import looks as numba_looks
 from svv.kernels.numba.bfloat16 import LEAST_SAMPLES, SAMPLES_MULTIPLE, HalfNetwork, cpu_has_bfloat16
 from svv.kernels.numba.networks import Network
+from svv.kernels.numba.pairs import cpu_multiplies_pairs, paired, rounded
+from svv.kernels.types import Samples
 from tests.nightly import nightly
 
 HALF = pytest.mark.skipif(not cpu_has_bfloat16(), reason="this CPU multiplies no bfloat16 matrices")
@@ -152,3 +162,68 @@ def test_extinctions_are_never_rough() -> None:
     field = BaseField(FieldSettings("hash", (4, 16), features=2, levels=4, log2_entries=8), occupancy)
     assert isinstance(field.density_mlp, Layers) and not field.density_mlp.rough
     assert isinstance(field.colour_mlp, Layers) and field.colour_mlp.rough
+
+
+PAIRS = pytest.mark.skipif(not cpu_multiplies_pairs(), reason="this CPU multiplies no pairs of bfloat16 numbers")
+
+
+def looks_of(count: int, same: bool = True) -> tuple[list[Tensor], list[Tensor]]:
+    """What the CPU's kernels say of ``count`` samples in a box, and what is right: lighting and palette."""
+    random = torch.Generator().manual_seed(3)
+    lattice = SparseLattice(np.ones((4, 4, 4), np.uint8), 4, (2, 4), 4).layout
+    ray, start = torch.arange(count).int() % 3, torch.zeros(3, dtype=torch.int64)
+    position = torch.rand(count, 3, generator=random)
+    samples = Samples(position, position[:, 0], position[:, 0], ray, start, start, torch.zeros(3), 0.1)
+    along = torch.nn.functional.normalize(torch.randn(3, 3, generator=random), dim=1)
+    along = along[:1].repeat(3, 1) if same else along
+    tables = torch.randn(125 + 27, 8, generator=random)
+    torch.manual_seed(4)
+    networks = [mlp(*shape).weights for shape in ((24, 64, 2, 2), (8, 64, 1, 9))]
+    both = lattice_features(position, lattice.shapes, lattice.scales, lattice.bases, lattice.index, tables)
+    both = both.unflatten(1, (2, 8))
+    lit = torch.cat([both[..., :4].flatten(1), spherical_harmonics(along, 4)[ray.long()]], dim=1)
+    said = numba_looks.looks(samples, along, lattice, tables, *networks)
+    right = [relu_layers(x.double(), [w.detach().double() for w in n])
+             for x, n in zip((lit, both[..., 4:].flatten(1)), networks, strict=True)]  # fmt: skip
+    return list(said), right
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_looks_at_many_samples_have_three_digits(same: bool) -> None:
+    said, right = looks_of(LEAST_SAMPLES + 1, same)
+    assert all(error(got, expected) < DIGITS for got, expected in zip(said, right, strict=True))
+
+
+def test_looks_at_few_samples_or_on_other_processors_have_all_digits(monkeypatch: pytest.MonkeyPatch) -> None:
+    few, right = looks_of(LEAST_SAMPLES - 1)
+    assert all(error(got, expected) < NETWORKS[torch.float32] for got, expected in zip(few, right, strict=True))
+    monkeypatch.setattr(numba_looks.pairs, "cpu_multiplies_pairs", lambda: False)
+    many, right = looks_of(LEAST_SAMPLES + 1)
+    assert all(error(got, expected) < NETWORKS[torch.float32] for got, expected in zip(many, right, strict=True))
+
+
+@PAIRS
+def test_looks_at_many_samples_are_in_half_and_the_same_every_time() -> None:
+    many, right = looks_of(LEAST_SAMPLES + 77)
+    assert all(error(got, expected) > NETWORKS[torch.float32] for got, expected in zip(many, right, strict=True))
+    again, _ = looks_of(LEAST_SAMPLES + 77)
+    assert all(torch.equal(a, b) for a, b in zip(many, again, strict=True))
+
+
+FINITE = st.floats(width=32, allow_nan=False, max_value=2.0**126, min_value=-(2.0**126))
+
+
+@given(st.lists(FINITE, min_size=2, max_size=8))
+def test_pairs_are_rounded_as_torch_rounds(numbers: list[float]) -> None:
+    values = np.array(numbers[: len(numbers) // 2 * 2], np.float32)
+    right = torch.from_numpy(values).bfloat16()
+    assert np.array_equal(rounded(values), right.float().numpy())
+    assert np.array_equal(paired(values).view(np.int16), right.view(torch.int16).numpy())
+
+
+@pytest.mark.parametrize("held", ["CPU_NAME", "CPU_FEATURES"])
+def test_a_processor_for_which_numba_is_held_back_multiplies_no_pairs(
+    held: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(numba.config, held, "generic")
+    assert not cpu_multiplies_pairs.__wrapped__()

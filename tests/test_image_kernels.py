@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
@@ -16,7 +16,8 @@ from svv.core.colour.colour import hsb_change, shift_colours
 from svv.core.colour.light import blinn_phong, normals_of
 from svv.core.rays.compositing import LEAST_ALPHA, composite_samples
 from svv.core.rays.encodings import lattice_features, spherical_harmonics
-from svv.core.rounding import KERNELS
+from svv.core.rays.networks import relu_layers
+from svv.core.rounding import KERNELS, NETWORKS
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.scene.stroke_opacity import paleness
 from svv.kernels.numba import kernels as numba_kernels
@@ -112,7 +113,8 @@ def test_depth_behind_the_last_sample_becomes_a_part_of_it(kernels: ImageKernels
 
 
 @given(SEEDS, st.integers(1, 4))
-def test_features_are_those_of_both_tables_and_of_the_rays(kernels: ImageKernels, seed: int, each: int) -> None:
+def test_features_are_those_of_both_tables_and_of_the_rays(seed: int, each: int) -> None:
+    kernels: Any = There(triton_kernels.IMAGE, DEVICES["triton"])
     random, samples, lattice = generator(seed), some_samples(seed, [3, 0, 5]), one_level()
     tables, along = (torch.randn(shape, generator=random) for shape in ((VERTICES**3, 2 * each), (3, 3)))
     along = torch.nn.functional.normalize(along, dim=1)
@@ -121,6 +123,27 @@ def test_features_are_those_of_both_tables_and_of_the_rays(kernels: ImageKernels
     both = lattice_features(samples.position, *layout, tables)
     close(lit, torch.cat([both[:, :each], spherical_harmonics(along, 4)[samples.ray.long()]], dim=1))
     close(plain, both[:, each:])
+
+
+@settings(max_examples=30)
+@given(SEEDS, st.sampled_from([3, 4]), st.integers(1, 40), st.integers(1, 3), st.booleans())
+def test_looks_are_what_both_networks_say_of_features_and_directions(
+    kernels: ImageKernels, seed: int, each: int, width: int, colours: int, same: bool
+) -> None:
+    """Odd widths, blocks that are not full, one direction for all rays and one for each."""
+    random, samples, lattice = generator(seed), some_samples(seed, [3, 0, 67]), one_level()
+    tables = torch.randn(VERTICES**3, 2 * each, generator=random)
+    along = unit((1, 3), random).repeat(3, 1) if same else unit((3, 3), random)
+    lighting = [torch.randn(a, b, generator=random) for a, b in ((width, each + 16), (width, width), (2, width))]
+    palette = [torch.randn(a, b, generator=random) for a, b in ((width, each), (1 + 4 * colours, width))]
+    light, raw = kernels.looks(samples, along, lattice, tables, lighting, palette)
+    layout = lattice.shapes, lattice.scales, lattice.bases, lattice.index
+    both = lattice_features(samples.position, *layout, tables)
+    lit = torch.cat([both[:, :each], spherical_harmonics(along, 4)[samples.ray.long()]], dim=1)
+    digits = NETWORKS[torch.float32 if kernels.kernels is numba_kernels.IMAGE else torch.float16]  # type: ignore[attr-defined]
+    for got, right in ((light, relu_layers(lit, lighting)), (raw, relu_layers(both[:, each:].contiguous(), palette))):
+        assert got.shape == right.shape
+        assert float((got - right).norm()) <= digits * float(right.norm())
 
 
 @given(SEEDS, st.integers(1, 6))

@@ -84,6 +84,7 @@ def compile_all() -> None:
     for lighting in ("network", "phong"):
         scene, _ = train_scene(views, replace(few, lighting=lighting))
         scene.render(views.cameras[0])
+        scene.render(views.cameras[0].resized(6 * SIDE, 6 * SIDE))  # many samples may take kernels of their own
     density = scene.base.density
     assert density is not None
     made(density.layout, density.table.detach().numpy()[:, 0], np.inf)  # images do it after thousands of rays

@@ -330,7 +330,7 @@ class PixelSource:
 
 
 class ImageKernels(Protocol):
-    """Everything but the networks in an image of a palette scene, without gradients, each in one pass over the samples.
+    """An image of a palette scene from its samples, without gradients, each part in one pass over them.
 
     :mod:`svv.core.colour.palette_shading`, :mod:`svv.core.colour.light` and :mod:`svv.core.rays.compositing` define the
     results in plain torch. Letters as in :class:`Kernels`, and P palette colours.
@@ -342,11 +342,15 @@ class ImageKernels(Protocol):
         See :func:`svv.fields.radiance.rendering.ended`.
         """
 
-    def features(self, samples: Samples, along: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
-        """Return inputs of the lighting MLP (S, L F + 16) and palette MLP (S, L F), from one look-up per vertex.
+    def looks(
+        self, samples: Samples, along: Tensor, lattice: Lattice, tables: Tensor, lighting: Sequence[Tensor],
+        palette: Sequence[Tensor],
+    ) -> tuple[Tensor, Tensor]:  # fmt: skip
+        """Return the outputs of the lighting MLP (S, 1 or 2) and palette MLP (S, 1 + 4 P), both to three digits.
 
-        ``along`` (R, 3): unit vectors whose spherical harmonics of degree 4 are the last of the lighting MLP's inputs;
-        ``tables`` (V, 2 F): features of geometry and material.
+        ``tables`` (V, 2 F): features of geometry and material, inputs (S, L F) of either; ``along`` (R, 3): unit
+        vectors whose spherical harmonics of degree 4 are the last inputs of the lighting MLP; ``lighting`` and
+        ``palette``: weights as in :meth:`Kernels.network`, of at least two layers.
         """
 
     def shift(self, raw: Tensor, column: int, colour: Tensor, change: Tensor, among: Tensor | None) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from svv.core.rays.encodings import lattice_features, spherical_harmonics
 from svv.core.rounding import KERNELS
 from svv.fields.devices.kernel_checks import CPU, Check, points_in, random_lattice, random_samples
 from svv.kernels import reference
@@ -62,6 +63,17 @@ def _ended(own: ImageKernels, at: Inputs) -> list[Tensor]:
     return [samples.sigma, samples.tail]
 
 
+def _features(own: ImageKernels, at: Inputs) -> list[Tensor]:
+    if own is not numba_image:
+        return list(own.features(at.samples, at.facing, at.lattice, at.tables))  # type: ignore[attr-defined]
+    # The CPU keeps no features: they go from look-ups into networks.
+    layout = at.lattice.shapes, at.lattice.scales, at.lattice.bases, at.lattice.index
+    lit, plain = (
+        lattice_features(at.samples.position, *layout, half.contiguous()) for half in at.tables.split(EACH, 1)
+    )
+    return [torch.cat([lit, spherical_harmonics(at.facing)[at.samples.ray.long()]], dim=1), plain]
+
+
 def _material(own: ImageKernels, at: Inputs) -> list[Tensor]:
     surface = _surface(own, at)
     return [surface.colour, surface.region.float()]
@@ -97,7 +109,7 @@ def _composite(own: ImageKernels, at: Inputs) -> list[Tensor]:
 
 PARTS: dict[str, Part] = {
     "depth behind": _ended,
-    "features of both": lambda own, at: list(own.features(at.samples, at.facing, at.lattice, at.tables)),
+    "features of both": _features,
     "material": _material,
     "paint": _overpaint,
     "light": _light,

@@ -42,17 +42,16 @@ def image_kernels_of(scene: Model) -> ImageKernels | None:
 
 def look_at(kernels: ImageKernels, scene: Model, samples: Samples, rays: Rays) -> Look | None:
     """Return what the networks say of samples of rays, whatever the scene's edits; None without samples."""
-    palette, geometry, light = scene.palette_network, scene.base.encoding, None
+    palette, geometry = scene.palette_network, scene.base.encoding
     assert palette is not None and isinstance(palette.encoding, SparseLattice) and isinstance(geometry, SparseLattice)
     if not len(samples):
         return None
     if palette.lighting_mlp is None:
-        plain = palette.encoding.look_up(samples.position)
-    else:
-        tables = _both_tables(geometry.table, palette.encoding)
-        lit, plain = kernels.features(samples, rays.lit_along.contiguous(), geometry.layout, tables)
-        light = palette.lighting_mlp(lit)
-    return Look(samples, palette.palette_mlp(plain), light)
+        return Look(samples, palette.palette_mlp(palette.encoding.look_up(samples.position)), None)
+    tables, along = _both_tables(geometry.table, palette.encoding), rays.lit_along.contiguous()
+    networks = palette.lighting_mlp.weights, palette.palette_mlp.weights
+    light, raw = kernels.looks(samples, along, geometry.layout, tables, *networks)
+    return Look(samples, raw, light)
 
 
 def draw(

@@ -1,4 +1,4 @@
-"""Everything but the networks in an image, compiled with numba: features, material, light, compositing.
+"""Everything but the networks in an image, compiled with numba: material, light, compositing.
 
 Each loop does in one pass over the samples what would take a dozen torch operations, which are bound by memory: a sixth
 of an image's time. The functions after the loops are those of :class:`svv.kernels.types.ImageKernels`, which describes
@@ -25,7 +25,6 @@ from svv.core.lanes import (
     exp,
     gather,
     lane_numbers,
-    load,
     maximum,
     minimum,
     select,
@@ -34,14 +33,11 @@ from svv.core.lanes import (
     store,
 )
 from svv.core.rays.compositing import LEAST_ALPHA
-from svv.kernels.numba import rays as numba_rays
 from svv.kernels.numba import recolouring
+from svv.kernels.numba.looks import looks as looks
 from svv.kernels.numba.marching import RAYS_A_BLOCK
 from svv.kernels.numba.trilinear import ONE32, cell_at, mean_of, weights_of
-from svv.kernels.types import HARMONICS, Lattice, Samples, Surface
-
-PARTS = 64
-"""Parts of the samples, each for one thread."""
+from svv.kernels.types import Lattice, Samples, Surface
 
 ZERO32, TWO32 = np.float32(0.0), np.float32(2.0)
 RIM32, GRAZING32 = np.float32(RIM_COSINE), np.float32(LEAST_COSINE)
@@ -61,45 +57,6 @@ def _end(sigma, tail, start, count, step):  # type: ignore[no-untyped-def]
         if count[r] > 0:
             sigma[start[r] + count[r] - 1] += tail[r] / step
             tail[r] = 0.0
-
-
-@njit(fastmath=FAST_MATH, inline="always")
-def _two_rows(tables, row):  # type: ignore[no-untyped-def]
-    """Return a row of half as many numbers as there are lanes, and the next one: neighbours in z."""
-    return load(tables, np.int64(row) * (LANES // 2))
-
-
-@njit(parallel=True, fastmath=FAST_MATH, cache=True)
-def _features(x, ray, harmonics, shapes, scales, bases, index, tables, width, lit, plain):  # type: ignore[no-untyped-def]
-    """Write inputs of the lighting MLP, ``lit`` (S, L F + H), and of the palette MLP, ``plain`` (S, L F).
-
-    ``tables`` (V, 2 F) holds features of geometry and material, so each vertex is fetched only once. ``width``: see
-    :func:`svv.kernels.numba.lattice.encode`.
-    """
-    levels, own, count = shapes.shape[0], len(width), harmonics.shape[1]
-    second, rows = lane_numbers() >= LANES // 2, tables.size // max(2 * own, 1)
-    for part in prange(PARTS):
-        sums = np.empty(LANES, np.float32)
-        for i in range(part * len(x) // PARTS, (part + 1) * len(x) // PARTS):
-            px, py, pz = x[i, 0], x[i, 1], x[i, 2]
-            for level in range(levels):
-                a, b, c, d, wx, wy, wz = cell_at(px, py, pz, level, shapes, scales, bases, index)
-                if 4 * own == LANES and rows > 1:
-                    ux, uy = ONE32 - wx, ONE32 - wy
-                    near = ux * uy * _two_rows(tables, a) + ux * wy * _two_rows(tables, b)
-                    far = wx * uy * _two_rows(tables, c) + wx * wy * _two_rows(tables, d)
-                    store(sums, 0, select(second, splat(wz), splat(ONE32 - wz)) * (near + far))
-                    for f in range(own):
-                        lit[i, level * own + f] = sums[f] + sums[2 * own + f]
-                        plain[i, level * own + f] = sums[own + f] + sums[3 * own + f]
-                    continue
-                w = weights_of(wx, wy, wz)
-                for f in range(own):
-                    lit[i, level * own + f] = mean_of(tables, a, b, c, d, w, np.uint64(f))
-                    plain[i, level * own + f] = mean_of(tables, a, b, c, d, w, np.uint64(own + f))
-            r = ray[i]
-            for k in range(count):
-                lit[i, levels * own + k] = harmonics[r, k]
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
@@ -280,18 +237,6 @@ def _composite(  # type: ignore[no-untyped-def]
 
 def end(samples: Samples) -> None:
     _end(*_arrays(samples.sigma, samples.tail, samples.start, samples.count), np.float32(samples.step))
-
-
-def features(samples: Samples, along: Tensor, lattice: Lattice, tables: Tensor) -> tuple[Tensor, Tensor]:
-    each, harmonics = tables.shape[1] // 2, torch.empty(len(along), HARMONICS)
-    numba_rays.harmonics(*_arrays(along.contiguous()), np.arange(len(along), dtype=np.int32), *_arrays(harmonics))
-    width = len(lattice.scales) * each
-    lit, plain = torch.empty(len(samples), width + harmonics.shape[1]), torch.empty(len(samples), width)
-    _features(
-        *_arrays(samples.position, samples.ray, harmonics), *_layout(lattice), *_arrays(tables), (0.0,) * each,
-        *_arrays(lit, plain),
-    )  # fmt: skip
-    return lit, plain
 
 
 def material(raw: Tensor, colours: Tensor) -> Surface:

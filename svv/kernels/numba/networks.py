@@ -5,7 +5,7 @@ time, so much of the time goes into page faults. Here, only inputs and outputs a
 cache; the backward pass computes them again.
 
 numba keeps the elements of an array in memory, not in registers, so the innermost product is given to LLVM directly
-(:func:`_tile`), which maps it to whatever vectors the CPU has.
+(:func:`tile_of`), which maps it to whatever vectors the CPU has.
 
 Letters: S samples, I inputs, O outputs. Widths are padded with zeros to multiples of ``LANES``.
 """
@@ -38,7 +38,7 @@ PARTS, SUMS = 64, 16
 """Parts of the work, forward and backward. Each has a gradient of its own, so sums do not depend on the threads."""
 
 
-def _tile(columns: int, kind: str) -> Callable[..., None]:
+def tile_of(columns: int, kind: str) -> Callable[..., None]:
     """Return a compiled function that computes c[m, n] = sum over k < depth of a[m, k] b[k, n].
 
     There are ``ROWS`` rows m and ``columns`` columns n. Arrays count as flat: a[m, k] is a[a0 + m am + k ak], b[k, n]
@@ -85,8 +85,8 @@ def _tile(columns: int, kind: str) -> Callable[..., None]:
 
 
 def _product(kind: str) -> Callable[..., None]:
-    """Return a compiled function that multiplies matrices whose rows and columns are padded; see :func:`_tile`."""
-    narrow, wide = _tile(LANES, kind), _tile(2 * LANES, kind)
+    """Return a compiled function that multiplies matrices whose rows and columns are padded; see :func:`tile_of`."""
+    narrow, wide = tile_of(LANES, kind), tile_of(2 * LANES, kind)
 
     @njit
     def product(a, a0, am, ak, b, b0, bk, depth, c, c0, cm, rows, columns):  # type: ignore[no-untyped-def]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 import triton
 from torch import Tensor
@@ -11,6 +13,7 @@ from svv.core.colour.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, R
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
 from svv.core.rays.compositing import LEAST_ALPHA
 from svv.kernels.triton import image as triton_image
+from svv.kernels.triton import networks as triton_networks
 from svv.kernels.types import HARMONICS, Lattice, Samples, Surface
 
 BLOCK = 128
@@ -44,6 +47,15 @@ def features(samples: Samples, along: Tensor, lattice: Lattice, tables: Tensor) 
             False, BLOCK,
         )  # fmt: skip
     return lit, plain
+
+
+def looks(
+    samples: Samples, along: Tensor, lattice: Lattice, tables: Tensor, lighting: Sequence[Tensor],
+    palette: Sequence[Tensor],
+) -> tuple[Tensor, Tensor]:  # fmt: skip
+    """Run both networks on the features."""
+    lit, plain = features(samples, along, lattice, tables)
+    return triton_networks.run(lit, lighting), triton_networks.run(plain, palette)
 
 
 def shift(raw: Tensor, column: int, colour: Tensor, change: Tensor, among: Tensor | None) -> None:

@@ -24,7 +24,7 @@ COUNTS = (10_000, 25_000, 60_000, 100_000, 200_000)
 VIEWS, TURNED = 16, 0.3
 """Pictures, and the angle by which they lie between those that are fitted."""
 
-COLUMNS = (("PSNR", "dB", ".1f"), (".ply", "MB", ".1f"), (".spz", "MB", ".2f"))
+COLUMNS = (("PSNR", "dB", ".1f"), (".spz", "MB", ".2f"))
 
 
 def likeness(splats: svv.Splats, scene: svv.Scene) -> float:
@@ -39,10 +39,10 @@ def likeness(splats: svv.Splats, scene: svv.Scene) -> float:
     return float(np.mean(found))
 
 
-def megabytes(splats: svv.Splats, suffix: str) -> float:
-    """Return the size of a file of splats."""
+def megabytes(splats: svv.Splats) -> float:
+    """Return the size of a .spz."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"a{suffix}"
+        path = Path(folder) / "a.spz"
         svv.write_splats(path, splats)
         return path.stat().st_size / 1e6
 
@@ -59,7 +59,7 @@ def main() -> None:
         scene = svv.Scene.load(path)
         for count in asked.counts:
             splats = svv.fit_splats(scene, svv.SplatOptions(count=count))
-            figures = (likeness(splats, scene), megabytes(splats, ".ply"), megabytes(splats, ".spz"))
+            figures = (likeness(splats, scene), megabytes(splats))
             rows.append((f"{name} | {count:,}", figures))
             print(*rows[-1], flush=True)
     if asked.results:

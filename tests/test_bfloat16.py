@@ -22,7 +22,7 @@ from svv.core.rounding import NETWORKS
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import BaseField, FieldSettings, Layers, mlp
 from svv.fields.radiance.occupancy import Occupancy
-from svv.kernels.numba import bfloat16
+from svv.kernels.numba import bfloat16, pairs
 from svv.kernels.numba import looks as numba_looks
 from svv.kernels.numba.bfloat16 import LEAST_SAMPLES, SAMPLES_MULTIPLE, HalfNetwork, cpu_has_bfloat16
 from svv.kernels.numba.networks import Network
@@ -197,7 +197,7 @@ def test_looks_at_many_samples_have_three_digits(same: bool) -> None:
 def test_looks_at_few_samples_or_on_other_processors_have_all_digits(monkeypatch: pytest.MonkeyPatch) -> None:
     few, right = looks_of(LEAST_SAMPLES - 1)
     assert all(error(got, expected) < NETWORKS[torch.float32] for got, expected in zip(few, right, strict=True))
-    monkeypatch.setattr(numba_looks.pairs, "cpu_multiplies_pairs", lambda: False)
+    monkeypatch.setattr(pairs, "cpu_multiplies_pairs", lambda: False)
     many, right = looks_of(LEAST_SAMPLES + 1)
     assert all(error(got, expected) < NETWORKS[torch.float32] for got, expected in zip(many, right, strict=True))
 

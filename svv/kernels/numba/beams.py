@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
+from torch import Tensor
+from torch.utils.weak import WeakTensorKeyDictionary
 
 TILE_SIDE = 8
 """Pixels along the side of a tile."""
@@ -16,6 +18,9 @@ LEAST_ADVANCE = 0.1
 
 POSITION_ERROR = 1e-5
 """Bound of a sample's position error in single precision, in box units."""
+
+
+_NEAREST = WeakTensorKeyDictionary()
 
 
 @njit(cache=True)
@@ -33,7 +38,7 @@ def _ray(column, row, lens):  # type: ignore[no-untyped-def]
 
 
 @njit(parallel=True, cache=True)
-def tiles_in_sight(rotation, position, lens, width, height, distance, cells, extent, seen):  # type: ignore[no-untyped-def]
+def tiles_in_sight(rotation, position, lens, width, height, nearest, cells, extent, seen):  # type: ignore[no-untyped-def]
     """Mark the tiles of an image through which an occupied cell may be visible.
 
     A beam is the axis of a tile together with all rays of the tile: at distance t they are within s + t k of the axis,
@@ -48,8 +53,7 @@ def tiles_in_sight(rotation, position, lens, width, height, distance, cells, ext
         lens: As in :mod:`svv.kernels.numba.rays`. (4,)
         width: Image width in pixels.
         height: Image height in pixels.
-        distance: How far a ray may leap in each octant, 0 for occupied cells (:func:`svv.core.rays.cells.leaps`); the
-            least is the chessboard distance to the nearest occupied cell. (8, X, Y, Z)
+        nearest: Chessboard distance of each cell to the nearest occupied one. (X, Y, Z)
         cells: Cells per box unit.
         extent: Sides of the box. (3,)
         seen: Result, 1 for marked tiles. (rows of tiles, columns of tiles)
@@ -78,17 +82,25 @@ def tiles_in_sight(rotation, position, lens, width, height, distance, cells, ext
                 x += t * (rotation[axis, 0] * a + rotation[axis, 1] * b + rotation[axis, 2] * c)
                 inside = min(max(x, 0.0), extent[axis])
                 away = max(away, abs(x - inside))
-                cell[axis] = min(int(inside * cells), distance.shape[1 + axis] - 1)
-            nearest = distance[0, cell[0], cell[1], cell[2]]
-            for octant in range(1, 8):
-                nearest = min(nearest, distance[octant, cell[0], cell[1], cell[2]])
+                cell[axis] = min(int(inside * cells), nearest.shape[axis] - 1)
             # Outside the box, nothing in it is nearer than the box itself.
-            free = max(away, (float(nearest) - 1.0) * side)
+            free = max(away, (float(nearest[cell[0], cell[1], cell[2]]) - 1.0) * side)
             step = free - (radius + t * spread) - POSITION_ERROR
             if step < LEAST_ADVANCE * side:
                 seen[tile // seen.shape[1], tile % seen.shape[1]] = 1
                 break
             t += step
+
+
+def nearest_of(distance: Tensor) -> NDArray[np.uint8]:
+    """Return the chessboard distance of each cell to the nearest occupied one, remembered. (X, Y, Z)
+
+    ``distance``: how far a ray may leap in each octant, 0 for occupied cells (:func:`svv.core.rays.cells.leaps`).
+    """
+    found: NDArray[np.uint8] | None = _NEAREST.get(distance)
+    if found is None:
+        found = _NEAREST[distance] = distance.amin(dim=0).numpy()
+    return found
 
 
 def pixels_of(seen: NDArray[np.uint8], width: int, height: int) -> NDArray[np.int64]:

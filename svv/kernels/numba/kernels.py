@@ -103,8 +103,8 @@ def pixels_in_sight(
     rotation, position, lens = (part.numpy().astype(np.float64) for part in camera)
     seen = np.zeros((-(-height // numba_beams.TILE_SIDE), -(-width // numba_beams.TILE_SIDE)), np.uint8)
     numba_beams.tiles_in_sight(
-        rotation, position, lens, width, height, distance.numpy(), float(cells), np.asarray(extent, np.float64),
-        seen,
+        rotation, position, lens, width, height, numba_beams.nearest_of(distance), float(cells),
+        np.asarray(extent, np.float64), seen,
     )  # fmt: skip
     if seen.all():
         return torch.arange(width * height)

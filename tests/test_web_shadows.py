@@ -10,12 +10,16 @@ import pytest
 
 from svv.fields.scene.joined import joined
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.shadows import _grid
 from svv.render.web.page import write_html
 from tests.cube import faint
-from tests.test_web import CLOSE, front, lit
+from tests.test_web import CLOSE, front, lit, paint
 from tests.test_web_joined import beside
 
 pytestmark = pytest.mark.usefixtures("small_stills")
+
+DEPTHS = "async () => Array.from((await window.svv).show.painter.shadows.grid.depth)"
+"""Optical depths, from which a page computes shadows."""
 
 RIGHT, ABOVE = (f"Shadows from {where} the camera, in degrees" for where in ("the right of", "above"))
 
@@ -58,6 +62,23 @@ def test_what_is_shown_becomes_what_the_renderer_shows(open_page: Any, balls: Sc
         "window.svv.then((svv) => (window.shadows = svv.show.painter.shadows)) && window.shadows?.work === null"
     )
     assert opened.psnr(scene.with_light(-50.0, 20.0), camera) > 30.0
+
+
+def test_what_is_clearer_between_its_strokes_casts_less(open_page: Any, balls: Scene, tmp_path: Path) -> None:
+    plain = faint(balls, 0.5).painted(paint(balls, 1), {0: "oil"}, {}, "one").with_shadow(1.0, (80.0, 0.0))
+    scene = plain.with_stroke_opacity(1.0, 0)
+    write_html(tmp_path / "strokes.html", scene, "strokes")
+    opened = open_page(tmp_path / "strokes.html", size=(400, 300))
+    opened.ready()
+    depths = []
+    for strength in (0.0, 1.0, 0.4):
+        opened.page.get_by_label("Strength of the painting").fill(str(strength))
+        assert opened.psnr(scene.with_strength(strength), front(scene)) > CLOSE
+        depths.append(np.array(opened.page.evaluate(DEPTHS)))
+        own, whole = (_grid(one.with_strength(strength), "styled").depth.ravel() for one in (scene, plain))
+        there = (whole > 0.0) & (depths[0] > 0.0)
+        found, truth = depths[-1][there] / depths[0][there], own[there] / whole[there]
+        assert np.abs(found - truth).mean() < 0.01 and truth.mean() <= 1.0 - 0.1 * strength
 
 
 @pytest.mark.slow

@@ -147,8 +147,8 @@ def html_of(
 ) -> bytes:  # fmt: skip
     """Return the page that :func:`write_html` writes, in UTF-8; pictures that it saves are called ``name``.
 
-    Raises BadInput if the scene has no palette network, occlusion or shadows that no page can show, or too many regions
-    for its cuts.
+    Raises BadInput if the scene has no palette network, occlusion that no page can show, or too many regions for its
+    cuts.
     """
     if scene.palette_network is None:
         raise BadInput("The scene has no regions because it holds no palette network; train it again.")
@@ -177,18 +177,11 @@ def html_of(
 
 
 def _check_shade(scene: Scene) -> None:
-    """Raise BadInput if a page, whose colours hold occlusion, or its shadows would look otherwise than the scene.
-
-    Shadows on a page are those of matter whose opacity does not follow strokes.
-    """
+    """Raise BadInput if a page, whose colours hold occlusion, would look otherwise than the scene."""
     painted = "styled" in scene.networks  # opacity follows strokes only where there are some
     for number, region in enumerate(scene.regions):
         follows = painted and region.stroke_opacity != 0.0
-        if region.occlusion != 0.0 and (region.matcap is not None or follows):
-            has, off = "ambient occlusion", f"--region {number} --occlusion 0"
-        elif scene.lamp.shadow != 0.0 and follows:
-            has, off = "shadows", "--shadow 0"
-        else:
+        if region.occlusion == 0.0 or (region.matcap is None and not follows):
             continue
         what, take = (
             ("opacity that follows its strokes", f"--region {number} --stroke-opacity 0")
@@ -196,8 +189,8 @@ def _check_shade(scene: Scene) -> None:
             else ("a MatCap", f"--matcap {number}=none")
         )
         raise BadInput(
-            f"Region {number} has {has} and {what}, and no page can show both: take one of them off, with svv "
-            f"edit {off} or svv edit {take}."
+            f"Region {number} has ambient occlusion and {what}, and no page can show both: take one of them off, with "
+            f"svv edit --region {number} --occlusion 0 or svv edit {take}."
         )
 
 

@@ -52,6 +52,24 @@ class Matter {
       }
     }
   }
+
+  // Return where the vertex with a number is, in box coordinates.
+  at(v) {
+    const [, ny, nz] = this.size, place = this.places[v], row = Math.floor(place / nz);
+    return [Math.floor(row / ny), row % ny, place % nz].map((n, k) => Math.min(n / this.resolution, this.box.extent[k]));
+  }
+
+  // Return the factors on the depths where they follow strokes, null where none does; see march.glsl, and strokesOf for the numbers.
+  followed(paint, strokes) {
+    if (!paint || !strokes.some((own) => own.some((v) => v !== 0))) return null;
+    const channels = [0, 1, 2].map((c) => samplerOf(paint, c)), low = paint.low, step = paint.high.map((v, c) => (v - low[c]) / 255);
+    return Float32Array.from(this.places, (_, v) => {
+      const [gain, slope, mean, reach] = strokes[this.first + this.region[v]], place = this.at(v);
+      const rgb = channels.map((byte, c) => Math.min(Math.max(low[c] + step[c] * byte(...place), 0), 1));
+      const pale = slope < 0 ? Math.max(...rgb) : Math.min(...rgb);
+      return Math.exp(gain + Math.min(Math.max(slope * (mean - pale), -reach), reach));
+    });
+  }
 }
 
 // Return a function from box coordinates to a channel's byte there, interpolated.
@@ -68,18 +86,19 @@ function samplerOf(field, channel) {
   };
 }
 
-// Optical depths of one cell of a grid in the world, and where shadows are looked up: {low, spacing, size, depth, where}.
-function gridOf(matter, opacities, cuts, around) {
+// Optical depths of one cell of a grid in the world, and where shadows are looked up: {low, spacing, size, depth, where}. `followed`:
+// factors on the depths, or null.
+function gridOf(matter, opacities, followed, cuts, around) {
   const { box, resolution, places, first } = matter, size = matter.size.map((n) => n + 2 * around), spacing = box.size / resolution;
   const low = box.low.map((v) => v - around * spacing), total = size[0] * size[1] * size[2];
   const grid = { low, spacing, size, depth: new Float32Array(total), where: new Uint8Array(total) };
   const [, ny, nz] = matter.size;
   for (let v = 0; v < places.length; v++) {
     const place = places[v], row = Math.floor(place / nz), x = Math.floor(row / ny), y = row % ny, z = place % nz, region = first + matter.region[v];
-    let depth = matter.depth[v] * opacities[region];
+    let depth = matter.depth[v] * opacities[region] * (followed?.[v] ?? 1);
     for (const cut of cuts)
       if (cut.regions === 0 || cut.regions & (1 << region)) {
-        const world = [x, y, z].map((n, k) => box.low[k] + box.size * Math.min(n / resolution, box.extent[k]));
+        const world = matter.at(v).map((own, k) => box.low[k] + box.size * own);
         depth *= Math.min(Math.max(0.5 - depthInCut(cut, world) / spacing, 0), 1);
       }
     const to = ((x + around) * size[1] + y + around) * size[2] + z + around;
@@ -284,22 +303,24 @@ class Shadows {
   prepare(state, axes) {
     if (state.lamp.shadow === 0) return;
     const { header, numbers } = this, cuts = cutsOf(state, header), towards = shadowsFrom(state.lamp, axes, numbers.upper_left);
-    const matter = JSON.stringify([opacitiesOf(state), cuts]), key = JSON.stringify([matter, towards, state.lamp.shadow_softness]);
+    const strokes = state.painting === null ? [] : strokesOf(state, header);
+    const matter = JSON.stringify([opacitiesOf(state), cuts, state.painting, strokes]), key = JSON.stringify([matter, towards, state.lamp.shadow_softness]);
     if (key === this.wanted) return;
     this.wanted = key;
-    if (matter !== this.of) this.lay(matter, state, cuts);
+    if (matter !== this.of) this.lay(matter, state, cuts, strokes);
     this.show(this.coarse, finished(transmittance(this.coarse, [towards], numbers)));
     this.work = transmittance(this.grid, coneAround(towards, state.lamp.shadow_softness, numbers.directions), numbers);
   }
 
-  lay(matter, state, cuts) {
+  lay(matter, state, cuts, strokes) {
     const { header, content, numbers } = this;
     this.of = matter;
     if (!this.matters) {
       this.matters = header.layers.map((layer, number) => new Matter(content[number], layer, numbers.resolutions[number]));
       this.textures.make("Shadows", this.sizes(), 1);
     }
-    this.grid = togetherOf(this.matters.map((one) => gridOf(one, opacitiesOf(state), cuts, numbers.around)), numbers.finest);
+    const followed = this.matters.map((one, layer) => one.followed(content[layer].fields[`paint${state.painting}`], strokes));
+    this.grid = togetherOf(this.matters.map((one, layer) => gridOf(one, opacitiesOf(state), followed[layer], cuts, numbers.around)), numbers.finest);
     this.coarse = coarserGrid(this.grid);
   }
 

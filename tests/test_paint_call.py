@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,6 @@ def test_a_plotter_becomes_a_painting_that_is_seen_where_it_shows_the_volume(tmp
     said: list[str] = []
     painted = svv.paint(plotter, style(), tell=said.append, **QUICK)
     assert painted.networks == ("base", "pcn", "styled") and painted.variant is not None
-    assert any("learned from" in one for one in said)
     picture = svv.show(painted, camera=plotter, network="base", off_screen=True, screenshot=tmp_path / "painted.png")
     assert picture is not None and picture.size == SIZE
     with Image.open(tmp_path / "painted.png") as written:
@@ -106,6 +106,13 @@ def test_what_was_assumed_is_kept_with_the_views(monkeypatch: pytest.MonkeyPatch
     with pytest.raises(Cancelled):
         svv.paint(values(), svv.Ink("stippling"), tell=lambda _: None, **QUICK)
     assert "taken for [z, y, x]" in str(drawn[-1].meta.assumed)
+
+
+def test_all_notes_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr("svv.job.painting.run", lambda *_: SimpleNamespace(notes=["one", "two"], scene="painted"))
+    assert svv.paint(values(), svv.Ink("stippling"), tell=said.append, **QUICK) == "painted"  # type: ignore[comparison-overlap]
+    assert said == ["one", "two"]
 
 
 @pytest.mark.slow

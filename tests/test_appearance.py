@@ -25,6 +25,7 @@ from svv.dvr.read.appearance import Appearance, put
 from svv.dvr.read.grids import as_volume, from_array, index_to_world, set_geometry, to_array
 from svv.dvr.read.volumes import read_volume
 from svv.errors import BadInput
+from tests.nightly import nightly
 
 SHAPE = (18, 20, 16)
 FLAT = Shading(on=False)
@@ -71,7 +72,7 @@ def on_white(views: np.ndarray) -> np.ndarray:
     return np.asarray(alpha * views[..., :3] + 255.0 * (1.0 - alpha))
 
 
-@pytest.mark.parametrize("axes", AXES)
+@pytest.mark.parametrize("axes", nightly(AXES, "turned, mirrored"))
 @pytest.mark.parametrize("name", APPEARANCES)
 def test_it_is_drawn_as_by_vtk(name: str, axes: str) -> None:
     volume = image(APPEARANCES[name], AXES[axes])

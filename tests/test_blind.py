@@ -240,6 +240,7 @@ def test_styles_are_named_by_a_file_or_the_gallery(tmp_path: Path) -> None:
     assert find_cases(ways, tmp_path / "styles.json")[0].style == "wash.png"
 
 
+@pytest.mark.slow
 def test_the_command_goes_from_folders_to_agreement(
     trial: tuple[list[Path], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

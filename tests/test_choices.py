@@ -33,6 +33,7 @@ from svv.train.pipeline import stylize_scene, train_scene
 from svv.train.run.config import PRESETS
 from svv.train.run.loop import Loop
 from svv_bench.stability.scenes import NESTED, SCENES, Array, KnownScene, Range, shells
+from tests.nightly import nightly
 
 DRAFT = PRESETS["draft"]
 SHORT = replace(
@@ -116,7 +117,14 @@ def before_training(name: str, alone: bool = False) -> tuple[Occupancy, FieldSet
     return occupancy, field, f"{why}\n{reason}"
 
 
-@pytest.mark.parametrize(("name", "count"), [("opaque, one region", 1), ("nested translucent", 3), ("many hues", 6)])
+@pytest.mark.parametrize(
+    ("name", "count"),
+    nightly(
+        [("opaque, one region", 1), ("nested translucent", 3), ("many hues", 6)],
+        ("nested translucent", 3),
+        ("many hues", 6),
+    ),
+)
 def test_a_palette_has_as_many_colours_as_there_are(name: str, count: int) -> None:
     scene, notes = trained(name)
     assert len(scene.regions) == count

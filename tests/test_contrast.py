@@ -21,6 +21,7 @@ from svv.train.paint.pieces import PieceSettings, PieceStyle, piece_style
 from svv.train.paint.styled_views import visible_from
 from svv.train.pipeline import stylize_scene
 from tests.balls import SHORT
+from tests.nightly import nightly
 from tests.solid_ball import solid_ball
 
 SIZE = 64
@@ -104,7 +105,7 @@ def test_surroundings_keep_slopes_and_lose_specks() -> None:
 # --- what is solved --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("height", [0.08, 0.15, 0.3])
+@pytest.mark.parametrize("height", nightly([0.08, 0.15, 0.3], 0.08))
 def test_paint_of_any_contrast_is_seen_with_that_of_its_style(height: float) -> None:
     style = speckled(0.15)
     field = waves(BALL, height, 8.0)

@@ -224,7 +224,9 @@ def test_twelve_regions_of_one_colour_are_divided(cube: Scene) -> None:
     assert any("have the same part of bands" in note for note in found.notes)
 
 
-@pytest.mark.parametrize("shape", [(8, 8), (16, 400), (300, 9)])
+@pytest.mark.parametrize(
+    "shape", [(16, 400), *(pytest.param(shape, marks=pytest.mark.slow) for shape in ((8, 8), (300, 9)))]
+)
 def test_pictures_of_any_shape_are_divided(cube: Scene, shape: tuple[int, int]) -> None:
     picture = np.random.default_rng(0).random((*shape, 3)).astype(np.float32)
     found = parts(cube, picture)

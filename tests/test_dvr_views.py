@@ -79,7 +79,7 @@ def stirred() -> vtkImageData:
     return stirred_volume(24)
 
 
-@pytest.mark.parametrize("opacity", [0.003, 0.02, 0.1, 0.5, 0.9])
+@pytest.mark.parametrize("opacity", nightly([0.003, 0.02, 0.1, 0.5, 0.9], 0.003, 0.5))
 @pytest.mark.parametrize("unit", [1.0, 7.5])
 def test_alpha_of_a_slab_is_the_analytic_one(mapper: str, opacity: float, unit: float) -> None:
     """A ray that runs d through opacity a leaves (1 - a)^(d / unit); colour is that of the slab, not darkened.

@@ -142,7 +142,6 @@ def test_the_scene_is_better_than_one_that_learns_its_features(both: tuple[ViewS
     assert evaluate_scene(Scene.load(tmp_path / "a.svv"), test, "pcn").psnr > ours - 1.0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("part", [0.3, pytest.param(0.9, marks=pytest.mark.slow)])
 def test_a_stopped_training_goes_on(
     both: tuple[ViewSet, ViewSet], tmp_path: Path, every_step: None, part: float

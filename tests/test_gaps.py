@@ -23,6 +23,7 @@ from svv.dvr.read.gaps import LAYERS, without_gaps
 from svv.dvr.read.grids import as_volume, assumed_of, from_array, to_array
 from svv.dvr.read.volumes import read_here
 from svv.errors import BadInput
+from tests.nightly import nightly
 
 SIDE = 24
 FLAT = Shading(on=False)
@@ -52,7 +53,10 @@ def seen(values: NDArray[np.float32], blank: NDArray[np.bool_] | None = None, sh
     return render_views(image, function(), cameras, "bricks", shading).astype(float)
 
 
-@pytest.mark.parametrize(("missing", "shading"), [(np.nan, FLAT), (np.nan, Shading()), (-np.inf, FLAT)])
+@pytest.mark.parametrize(
+    ("missing", "shading"),
+    nightly([(np.nan, FLAT), (np.nan, Shading()), (-np.inf, FLAT)], (np.nan, Shading()), (-np.inf, FLAT)),
+)
 def test_the_picture_is_that_of_the_whole_volume_without_these_voxels(missing: float, shading: Shading) -> None:
     values = ball(missing, 10.0)
     z, y, x = np.indices((SIDE,) * 3) - (SIDE - 1) / 2

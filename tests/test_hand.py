@@ -43,7 +43,7 @@ def direction(hand: Hand) -> float:
     return float(0.5 * np.angle((hand.coherences * np.exp(2j * hand.angles)).mean()) % np.pi)
 
 
-@pytest.mark.parametrize(("width", "ratio"), [(5, 4), (8, 2), (8, 5), (8, 10), (14, 4)])
+@pytest.mark.parametrize(("width", "ratio"), nightly([(5, 4), (8, 2), (8, 5), (8, 10), (14, 4)], (8, 2), (14, 4)))
 def test_strokes_of_known_width_and_length_are_recovered(width: int, ratio: int) -> None:
     """Overlapped strokes look a little narrower than they are: the width is found within -30 and +15 percent."""
     hand = measure_hand(strokes(width, ratio * width, 0.4))
@@ -52,7 +52,7 @@ def test_strokes_of_known_width_and_length_are_recovered(width: int, ratio: int)
     assert not hand.plain
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.4, 1.2, 2.5])
+@pytest.mark.parametrize("angle", nightly([0.0, 0.4, 1.2, 2.5], 1.2))
 def test_strokes_of_known_angle_are_recovered(angle: float) -> None:
     away = (direction(measure_hand(strokes(8, 40, angle))) - angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi
     assert abs(away) < 0.05
@@ -215,7 +215,7 @@ def test_paintings_and_block_prints_are_painted_by_strokes_and_mosaics_by_pieces
     assert manner_of(measure_hand(gallery_picture(name)))[0] == expected
 
 
-@pytest.mark.parametrize("name", ["flat", "gradient", "black", "noise"])
+@pytest.mark.parametrize("name", nightly(["flat", "gradient", "black", "noise"], "gradient", "noise"))
 def test_pictures_without_a_hand_are_painted_by_pieces(name: str) -> None:
     manner, reason = manner_of(measure_hand(PICTURES[name]))
     assert manner == "pieces" and reason

@@ -86,7 +86,7 @@ def test_labels_at_a_step_of_opacity_show_the_second_point(name: str, kind: type
             assert alpha == pytest.approx(255 * expected, abs=3), (label, alpha)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", nightly(KINDS, np.int16, np.float64))
 def test_the_type_of_the_values_makes_no_difference(kind: type, mapper: str) -> None:
     tf = TransferFunction(WHITE, STEPS["a band"], 0.5).mapped(11.0, 0.0)
     for label, expected in ((3, 255), (5, 0)):
@@ -131,7 +131,7 @@ def test_a_label_at_a_point_in_steps_has_the_colour_of_the_point(label: int, map
     np.testing.assert_allclose(shown[:3], 255 * np.array(hues[(0, 1, 2, 3, 7).index(label)]), atol=4)
 
 
-@pytest.mark.parametrize("kind", [np.uint8, np.float32])
+@pytest.mark.parametrize("kind", nightly([np.uint8, np.float32], np.float32))
 @pytest.mark.parametrize("value", [50, 200])
 def test_colours_beyond_the_range_leave_its_ends_alone(kind: type, value: int, mapper: str) -> None:
     colours = ((50.0, 0.0, 0.0, 1.0), (200.0, 1.0, 1.0, 0.0))

@@ -167,6 +167,7 @@ def test_a_region_s_border_is_no_line() -> None:
     assert (traced(ridges, ridges.scale) < 0).all()
 
 
+@pytest.mark.slow
 def test_part_of_a_style_under_a_mask_is_near_to_it(drawn: dict[str, Picture]) -> None:
     y, x = np.mgrid[:SIZE, :SIZE]
     mask = np.sin(x / 9) + np.sin(y / 13) > 0.2  # as narrow as tubes are

@@ -165,6 +165,7 @@ def test_the_distance_is_a_distance(untrained: Lpips) -> None:
     assert statistics_distance(a, c) <= around * (1 + sums_apart(10))
 
 
+@pytest.mark.slow
 def test_a_style_is_nearest_to_itself(network: Lpips) -> None:
     """Halves of a picture are alike in manner, however little their pixels have in common."""
     drawn = [style_picture(name, 192) for name in ("brush strokes", "stippling")]

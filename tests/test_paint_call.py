@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -87,19 +88,35 @@ def test_words_of_pyvista_mean_what_they_do_there(monkeypatch: pytest.MonkeyPatc
 
 def test_styles_are_pictures_inks_files_and_names_one_for_each_region(tmp_path: Path) -> None:
     Image.fromarray((255 * style(1)).astype(np.uint8)).save(tmp_path / "brush.png")
-    said: list[str] = []
     painted = svv.paint(
-        values(), tmp_path / "brush.png", "ink:hatching", spacing=(1.0, 0.8, 1.3), tell=said.append, **QUICK
+        values(), tmp_path / "brush.png", "ink:hatching", spacing=(1.0, 0.8, 1.3), tell=lambda _: None, **QUICK
     )
     assert {region.style for region in painted.regions} <= {"brush", "ink:hatching"}
     assert painted.made["source"]["grid"]["spacing"] == [1.0, 0.8, 1.3]
-    # What was assumed is told and recorded.
-    assert any("taken for [z, y, x]" in one for one in said)
-    assert "taken for [z, y, x]" in painted.made["source"]["assumed"]
+
+
+def test_what_was_assumed_is_kept_with_the_views(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Any] = []
+
+    def stop(views: Any, *_: Any, **__: Any) -> Any:
+        drawn.append(views)
+        raise Cancelled
+
+    monkeypatch.setattr("svv.job.request.train_scene", stop)
+    with pytest.raises(Cancelled):
+        svv.paint(values(), svv.Ink("stippling"), tell=lambda _: None, **QUICK)
+    assert "taken for [z, y, x]" in str(drawn[-1].meta.assumed)
+
+
+def test_all_notes_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr("svv.job.painting.run", lambda *_: SimpleNamespace(notes=["one", "two"], scene="painted"))
+    assert svv.paint(values(), svv.Ink("stippling"), tell=said.append, **QUICK) == "painted"  # type: ignore[comparison-overlap]
+    assert said == ["one", "two"]
 
 
 @pytest.mark.slow
-def test_what_was_assumed_is_told_and_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_assumed_is_told_and_recorded() -> None:
     said: list[str] = []
     painted = svv.paint(values(), svv.Ink("stippling"), tell=said.append, **QUICK)
     assert any("taken for [z, y, x]" in one for one in said)

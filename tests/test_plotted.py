@@ -21,6 +21,7 @@ from svv.dvr.draw.plotted import function_of  # noqa: E402
 from svv.dvr.draw.views import make_views, render_views  # noqa: E402
 from svv.dvr.read.grids import assumed_of, index_to_world, to_array  # noqa: E402
 from svv.errors import BadInput  # noqa: E402
+from tests.nightly import nightly  # noqa: E402
 
 SIZE = (120, 96)
 TINY: dict[str, Any] = {"n": 3, "size": 16, "mapper": "cpu"}
@@ -113,7 +114,22 @@ def middle(picture: np.ndarray) -> np.ndarray:
     return np.array([(np.indices(weight.shape)[axis] * weight).sum() for axis in (0, 1)]) / weight.sum()
 
 
-@pytest.mark.parametrize("case", SHOWN)
+@pytest.mark.parametrize(
+    "case",
+    nightly(
+        SHOWN,
+        "voxels",
+        "turned and larger",
+        "moved",
+        "cells",
+        "range",
+        "logarithmic",
+        "own opacities",
+        "parallel rays",
+        "shaded",
+        "structured",
+    ),
+)
 def test_what_a_plotter_shows_is_drawn_where_and_as_pyvista_draws_it(plotter: Any, case: str) -> None:
     asked = SHOWN[case]
     actor = add(plotter, asked.grid(), **asked.told)

@@ -119,7 +119,7 @@ def tables(scene: Scene) -> dict[str, np.ndarray]:
     return Scene.from_bytes(scene.to_bytes()).to_arrays()[1]
 
 
-@pytest.mark.parametrize("door", nightly(DOORS[1:], of_volume, of_command), ids=lambda door: door.__name__)
+@pytest.mark.parametrize("door", nightly(DOORS[1:], of_command), ids=lambda door: door.__name__)
 def test_the_same_request_makes_the_same_scene_through_every_door(
     place: Path, first: dict[str, np.ndarray], door: Callable[[Path, Path], Scene]
 ) -> None:

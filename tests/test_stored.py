@@ -22,6 +22,7 @@ from svv.pv.results.stored import Stored, describe_parts
 from svv.pv.work.unfinished import NotYetThere, is_unfinished, mark_unfinished
 from svv.pv.work.vtk_data import finished_scene_of, put_scene, put_stored, scene_of
 from tests.cube import cube_paint, cube_scene
+from tests.nightly import nightly
 
 LIGHT = """
 import sys
@@ -136,7 +137,7 @@ def told_of_presets() -> list[float]:
 
 
 @pytest.mark.parametrize("preset", ["draft", "fast", "balanced"])
-@pytest.mark.parametrize("seconds", [3.0, 50.0, 300.0, 4000.0])
+@pytest.mark.parametrize("seconds", nightly([3.0, 50.0, 300.0, 4000.0], 3.0, 4000.0))
 def test_one_measurement_tells_the_times_of_all_presets_in_their_ratio(
     painted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, preset: str, seconds: float
 ) -> None:

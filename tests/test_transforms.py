@@ -22,6 +22,7 @@ from svv.io.views.transforms import transforms_file
 from svv.io.views.viewset import ViewSet, files_of
 from svv.job.source import ViewSource
 from tests.balls import two_balls
+from tests.nightly import nightly
 
 SIZE = (48, 36)
 """Width and height of the images."""
@@ -206,7 +207,7 @@ def directions_in(lens: Lens) -> tuple[np.ndarray, np.ndarray]:
     return (u - lens.centre[0]) / lens.focal[0], (v - lens.centre[1]) / lens.focal[0]
 
 
-@pytest.mark.parametrize("name", LENSES)
+@pytest.mark.parametrize("name", nightly(LENSES, *list(LENSES)[-2:]))
 def test_distorted_images_are_those_of_a_pinhole_afterwards(name: str, tmp_path: Path) -> None:
     told = {**NERFSTUDIO, "w": 240, "h": 180, "fl_x": 300.0, "fl_y": 300.0, "cx": 110.0, "cy": 95.0, **LENSES[name]}
     fisheye = "fisheye" in name

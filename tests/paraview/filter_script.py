@@ -57,8 +57,8 @@ from dataclasses import replace
 from svv.train.run import config
 draft = config.PRESETS["draft"]
 config.PRESETS["draft"] = replace(
-    draft, reconstruct=replace(draft.reconstruct, iterations=60, rays=512),
-    recolour=replace(draft.recolour, iterations=40, rays=512),
+    draft, reconstruct=replace(draft.reconstruct, iterations=150, rays=1024),
+    recolour=replace(draft.recolour, iterations=60, rays=1024),
     stylize=replace(draft.stylize, style_views=6, style_size=96))
 del sys.argv[0]
 sys.path[0] = os.path.dirname(sys.argv[0])

@@ -34,6 +34,11 @@ def test_pictures_are_drawn_whole(pictures: np.ndarray) -> None:
     assert np.array_equal(found, pictures)
 
 
+def test_pictures_without_room_are_a_lack_of_memory() -> None:
+    with pytest.raises(MemoryError):
+        blank((1 << 40, 1 << 10, 4))
+
+
 def resident() -> int:
     """Bytes of this process that are in memory and of no file."""
     lines = Path("/proc/self/smaps_rollup").read_text().splitlines()

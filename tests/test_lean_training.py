@@ -126,7 +126,7 @@ def test_optimisers_free_the_state_of_tables_that_are_replaced() -> None:
 
 def test_a_checkpoint_does_not_hold_what_it_has_written(tmp_path: Path) -> None:
     table, network = lattice(), nn.Linear(2, 2)
-    tables, networks = LatticeAdam([table]), torch.optim.Adam(network.parameters())
+    tables, networks = LatticeAdam([table]), loop.network_adam(list(network.parameters()))
     checkpoint, extra = Checkpoint(tmp_path / "c", {}), np.arange(3)
     held = weakref.ref(extra)
     checkpoint.stage("base", network, networks, tables).save(3, 1.5, {"rays": extra})

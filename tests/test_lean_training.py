@@ -34,6 +34,11 @@ def test_pictures_are_drawn_whole(pictures: np.ndarray) -> None:
     assert np.array_equal(found, pictures)
 
 
+def test_pictures_without_room_are_a_lack_of_memory() -> None:
+    with pytest.raises(MemoryError):
+        blank((1 << 40, 1 << 10, 4))
+
+
 def resident() -> int:
     """Bytes of this process that are in memory and of no file."""
     lines = Path("/proc/self/smaps_rollup").read_text().splitlines()
@@ -121,7 +126,7 @@ def test_optimisers_free_the_state_of_tables_that_are_replaced() -> None:
 
 def test_a_checkpoint_does_not_hold_what_it_has_written(tmp_path: Path) -> None:
     table, network = lattice(), nn.Linear(2, 2)
-    tables, networks = LatticeAdam([table]), torch.optim.Adam(network.parameters())
+    tables, networks = LatticeAdam([table]), loop.network_adam(list(network.parameters()))
     checkpoint, extra = Checkpoint(tmp_path / "c", {}), np.arange(3)
     held = weakref.ref(extra)
     checkpoint.stage("base", network, networks, tables).save(3, 1.5, {"rays": extra})

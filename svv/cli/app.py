@@ -218,4 +218,6 @@ def program() -> NoReturn:
     try:
         main()
     except SystemExit as ending:
-        leave(int(ending.code or 0))
+        if isinstance(ending.code, int):
+            leave(ending.code)
+        raise

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 def blank(shape: Sequence[int]) -> NDArray[np.uint8]:
     """Return uint8 zeros of this shape, whose pages the system provides when something is written to them.
 
-    NumPy's own zeros are in pages of 2 MiB where the system has them, of which a picture would touch all.
+    NumPy's own zeros are in pages of 2 MiB where the system has them, of which a picture would touch all. Raises
+    MemoryError if there are not enough addresses or, where the system counts them, pages.
 
     >>> pictures = blank((2, 3, 4, 4))
     >>> draw_into(pictures[0], np.full((3, 4, 4), 7, np.uint8))
@@ -23,10 +24,13 @@ def blank(shape: Sequence[int]) -> NDArray[np.uint8]:
     size = int(np.prod(shape))
     if not size:
         return np.zeros(shape, np.uint8)
-    if sys.platform == "win32":
-        pages = mmap.mmap(-1, size)
-    else:
-        pages = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    try:
+        if sys.platform == "win32":
+            pages = mmap.mmap(-1, size)
+        else:
+            pages = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    except OSError as error:  # of an anonymous mapping, it has no other reason
+        raise MemoryError(f"an array of {size} bytes") from error
     if hasattr(mmap, "MADV_NOHUGEPAGE"):
         pages.madvise(mmap.MADV_NOHUGEPAGE)
     return np.ndarray(tuple(shape), np.uint8, pages)

@@ -296,6 +296,8 @@ class LatticeAdam:
     def __init__(self, encodings: Iterable[Encoding], beta1: float = 0.9, beta2: float = 0.99,
                  epsilon: float = 1e-12) -> None:  # fmt: skip
         self.constants = beta1, beta2, epsilon
+        self.moments: list[Tensor] = []
+        self.age: list[Tensor] = []
         self.restart(encodings)
 
     def restart(self, encodings: Iterable[Encoding]) -> None:
@@ -308,8 +310,7 @@ class LatticeAdam:
 
     def forget(self) -> None:
         """Free the state of the tables that were optimised, which have been replaced or are as they should be."""
-        self.moments: list[Tensor] = []
-        self.age: list[Tensor] = []
+        self.moments, self.age = [], []
         for encoding in self.encodings:
             encoding.gradient = encoding.used = None
 

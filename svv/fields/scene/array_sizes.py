@@ -50,7 +50,7 @@ def count_vertices(occupied: NDArray[np.uint8], cells: int, resolution: int) -> 
         side, parts = cells // resolution, 1
         there = np.pad(there, [(0, -n % side) for n in there.shape])
         x, y, z = (n // side for n in there.shape)
-        there = there.reshape(x, side, y, side, z, side).any(axis=(1, 3, 5))
+        there = np.asarray(there.reshape(x, side, y, side, z, side).any(axis=(1, 3, 5)))
     if max(resolution, cells) % min(resolution, cells):
         raise ValueError(f"the resolution {resolution} does not fit {cells} cells")
     total = 0

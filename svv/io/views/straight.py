@@ -79,13 +79,13 @@ def _divided(
 
 def _background(images: Sequence[Images]) -> NDArray[np.uint8] | None:
     """Return the colour that all transparent pixels have; None if they differ, are black, or are none. (3,)"""
-    clear = [image[image[..., 3] == 0][:, :3] for image in images]
-    clear = [colours for colours in clear if len(colours)]
-    if not clear:
-        return None
-    behind = np.median(clear[0], axis=0).astype(np.uint8)
-    alike = sum(int((colours == behind).all(axis=1).sum()) for colours in clear)
-    return behind if behind.any() and alike >= (1.0 - EXCEPTIONS) * sum(map(len, clear)) else None
+    behind, alike, number = None, 0, 0
+    for image in images:  # of all at once, they would take nearly as much memory as the images
+        colours = image[image[..., 3] == 0][:, :3]
+        if len(colours):
+            behind = np.median(colours, axis=0).astype(np.uint8) if behind is None else behind
+            alike, number = alike + int((colours == behind).all(axis=1).sum()), number + len(colours)
+    return behind if behind is not None and behind.any() and alike >= (1.0 - EXCEPTIONS) * number else None
 
 
 def _distances(stored: NDArray[np.uint8], behind: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -107,20 +107,20 @@ class Tomography:
         """Use all views ``count`` times; ``step_done`` is called after each step, and False ends the rounds."""
         views, occupancy = self._views, self.occupancy
         factor = pixels_a_cell(views.cameras, occupancy, self.lattice.resolutions[0])
-        alpha, vertices = self._reduced(np.arange(len(views)), factor), self._vertices()
+        vertices = self._vertices()
         cameras = [smaller(camera, factor) for camera in views.cameras]
         subsets = max(1, round(len(cameras) / VIEWS_A_STEP))
         for _ in range(count):
             for subset in np.array_split(self._random.permutation(len(cameras)), subsets):
                 caster = RayCaster([cameras[n] for n in subset], occupancy.box, self.device)
-                self._step(caster, alpha[subset], vertices)
+                # Of all views at once, it would be as large as the pictures themselves.
+                self._step(caster, self._reduced(subset, factor), vertices)
                 if not step_done():
                     return
 
     def _reduced(self, which: NDArray[np.int64], factor: int) -> Any:
         """Return the alpha of some views, averaged over squares of pixels (:func:`reduced`)."""
-        every = len(which) == len(self._views)
-        return reduced(self._views.images[..., 3] if every else self._views.images[which, ..., 3], factor)
+        return reduced(self._views.images[which, ..., 3], factor)
 
     def _vertices(self) -> Any:
         """Return integer coordinates of the lattice's vertices, int32. (V, 3)"""
@@ -294,7 +294,7 @@ class TomographyThere(Tomography):
         self._alpha = torch.from_numpy(views.images[..., 3]).to(device) if known is None else known.alpha
 
     def _reduced(self, which: NDArray[np.int64], factor: int) -> Any:
-        own = self._alpha if len(which) == len(self._alpha) else self._alpha[torch.from_numpy(which).to(self.device)]
+        own = self._alpha[torch.from_numpy(which).to(self.device)]
         parts = [avg_pool2d(piece[:, None].float(), factor)[:, 0] for piece in own.split(8)]
         return torch.cat(parts) / 255.0
 

@@ -66,7 +66,7 @@ def kernels(how: Context) -> None:
     device = how.torch_device
     own = kernels_of(device.type)
     how.say("kernels", "kernels", own.NAME)
-    recorded = {} if own.TRAINING is None else {"steps recorded": check_recorded}
+    recorded = {"steps recorded": check_recorded} if own.TRAINING is not None and own.TRAINING.SPARE else {}
     found = run_checks(own, device, CHECKED_SAMPLES[how.device], CHECKED_SEEDS)
     for name, seconds, wrong in itertools.chain(found, run_each(recorded, own, device, 1)):
         how.say("kernels", name, {"seconds": seconds, "wrong": wrong})

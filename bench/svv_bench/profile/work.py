@@ -16,7 +16,7 @@ from torch import Tensor
 
 import svv.train.base.reconstruct
 from svv.core.rays.encodings import lattice_corners
-from svv.kernels.types import ImageKernels, Kernels, Lattice
+from svv.kernels.types import ImageKernels, Kernels, Lattice, TrainingKernels
 from svv.train.base.reconstruct import Reconstruction
 from svv.train.palette.ranges import Owners
 from svv.train.run.batches import RayPool
@@ -89,7 +89,25 @@ def watched(kernels: Kernels) -> list[Watched]:
         Watched(NetworkAdam, "step", "Adam, networks"),
         Watched(Reconstruction, "prune", "prune"),
         *([] if kernels.IMAGE is None else _watched_image(kernels.IMAGE)),
+        *([] if kernels.TRAINING is None or kernels.TRAINING.SPARE else _watched_steps(kernels.TRAINING)),
     ]  # fmt: skip
+
+
+def _watched_steps(steps: TrainingKernels) -> list[Watched]:
+    """Return the functions of which the CPU's whole steps are made."""
+    return [
+        Watched(steps, "representatives", "choose samples", lambda a: _choose(len(a[0]))),
+        Watched(steps, "encode_into", "encode", lambda a: _encode(a[1], a[2], a[3].shape[1], 1)),
+        Watched(steps, "lattice_encode", "encode", lambda a: _encode(a[0], a[1], a[2].shape[1], 1)),
+        Watched(steps, "lattice_backward", "encode, backward", lambda a: _encode(a[0], a[2], a[3].shape[1], 2)),
+        Watched(steps, "_outputs", "networks", lambda a: _network(len(a[0]), a[1])),
+        Watched(steps, "learn_base", "composite, backward", lambda a: _composite(len(a[0]), len(a[4]), 3, 2)),
+        Watched(steps, "learn_palette", "composite, backward", lambda a: _composite(len(a[0]), len(a[5]), 6, 2)),
+    ]
+
+
+def _network(samples: int, weights: Sequence[Tensor]) -> Work:
+    return sum((linear_layer(samples, *weight.T.shape) for weight in weights), Work())
 
 
 def _watched_image(image: ImageKernels) -> list[Watched]:

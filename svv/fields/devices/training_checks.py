@@ -181,7 +181,7 @@ def _compare(mine: Sequence[Tensor], theirs: Sequence[Tensor]) -> None:
         assert apart <= most, f"result {number} of {len(theirs)} is off by {apart:.1e}"
 
 
-def _cleared(lattice: SparseLattice, device: torch.device) -> SparseLattice:
+def cleared(lattice: SparseLattice, device: torch.device) -> SparseLattice:
     """Return a lattice on a device, without a gradient."""
     lattice.to(device).gradient = None
     return lattice
@@ -197,7 +197,7 @@ def check_base(kernels: Kernels, device: torch.device, seed: int, counts: Sequen
     expected, there = base_in_torch(at, weights, rows, place), [w.to(device) for w in weights]
     for spare in (False, True) if kernels.TRAINING.SPARE else (False,):
         samples, target = at.on(device, spare)
-        density, features = (_cleared(lattice, device) for lattice in at.lattices)
+        density, features = (cleared(lattice, device) for lattice in at.lattices)
         shifts = shift.to(device)[: len(samples.count)]
         error, gradients, colours = kernels.TRAINING.base(
             samples, target, (learning(density), learning(features)), there, every, shifts, ALPHA, not spare
@@ -224,7 +224,7 @@ def check_palette(
             continue
         samples, target = at.on(device, spare)
         expected = palette_in_torch(at, (lighting, mixing), palette, owner if owns else None)
-        lattice = _cleared(at.lattices[1], device)
+        lattice = cleared(at.lattices[1], device)
         of_all = torch.full((len(samples),), 1 << 40)
         of_all[: len(owner)] = owner
         of_all, owned = of_all.to(device), None

@@ -122,7 +122,8 @@ class RayPool:
             return Batch(self._caster.rays(drawn), colours, drawn, weights, part.start, count / rays)
         pixels, weight = pixels_of(self._views).drawn(np.random.default_rng((self._seed, number)), rays, by_contrast)
         pixels, weight = pixels[part], weight[part] / np.float32(rays)
-        shown = self._levels[pixels].astype(np.float32) / np.float32(255.0)
+        # A pixel in one piece: four columns of a row take five times as long.
+        shown = self._levels.view(np.uint32)[pixels, 0].view(np.uint8).reshape(-1, 4) / np.float32(255.0)
         shown[:, :3] *= shown[:, 3:]
         which = moved(pixels, device)
         colours, weights = moved_at_once((shown, weight), device)

@@ -11,12 +11,7 @@ from svv.core.geometry.box import Box
 from svv.core.volumes.classified import ClassifiedVolume, ValueRange
 from svv.fields.radiance.networks import BaseField, FieldSettings, encode_directions
 from svv.fields.radiance.occupancy import Occupancy
-from svv.fields.scene.scene import Scene
-from svv.io.views.viewset import ViewSet
 from svv.train.base.first_colours import start_colours
-from svv.train.palette.recolour import recolour
-from svv.train.run.config import RecolourSettings
-from svv.train.run.loop import Running
 
 CELLS = 16
 UNIT = Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0))
@@ -105,12 +100,3 @@ def test_a_lattice_of_one_level_stays_as_it_is() -> None:
     before = {name: value.clone() for name, value in field.state_dict().items()}
     start_colours(field, occupancy, halves(), OFF)
     assert all(torch.equal(value, before[name]) for name, value in field.state_dict().items())
-
-
-def test_a_palette_network_starts_from_the_features_of_the_base_network(cube: Scene) -> None:
-    views = ViewSet(tuple(cube.rig.sphere(3, 24)), np.full((3, 24, 24, 4), 200, np.uint8), ("a", "b", "c"))
-    palette = np.array([region.colour for region in cube.regions])
-    network, _, _ = recolour(views, cube, palette, RecolourSettings(iterations=0), Running(0))
-    assert torch.equal(network.encoding.table, cube.base.encoding.table)
-    hidden, its = (next(n.parameters()) for n in (network.palette_mlp, cube.base.colour_mlp))
-    assert torch.equal(hidden, its[:, : network.encoding.width])

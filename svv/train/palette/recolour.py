@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
 from svv.core.colour.palette import Palette, PaletteSettings, extract_palette
 from svv.core.volumes.classified import ValueGrid
@@ -285,17 +285,6 @@ class Recolouring:
         return shares_of(samples, sigma, weights.argmax(1), weights.shape[1])
 
 
-@torch.no_grad()
-def _look_like(network: PaletteField, base: BaseField) -> None:
-    """Start features and hidden layer from the base network's, whose colours hold what the palette's need."""
-    own, its, layer = network.encoding, base.encoding, network.palette_mlp[0]
-    first = base.colour_mlp[0]
-    if isinstance(own, SparseLattice) and isinstance(its, SparseLattice) and own.table.shape == its.table.shape:
-        assert isinstance(layer, nn.Linear) and isinstance(first, nn.Linear)
-        own.table.copy_(its.table)
-        layer.weight.copy_(first.weight[:, : own.width])
-
-
 def palette_of(
     views: ViewSet, occupancy: Occupancy, seed: int, settings: PaletteSettings | None = None, device: torch.device = CPU
 ) -> Palette:
@@ -333,8 +322,6 @@ def recolour(  # noqa: PLR0913 - what a stage is given, and where it starts
     network.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
     device = base.encoding.table.device
     network.to(device).light_like(base)
-    if values is None:
-        _look_like(network, base)
     if network.phong is not None and base.density is not None:
         network.phong.start(base.density if values is None else None, occupancy, views.meta.shading, seed)
     if values is not None:

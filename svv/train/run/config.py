@@ -182,7 +182,7 @@ PRESETS = {
         "fast",
         FieldSettings(),
         ReconstructSettings(iterations=700, network_rate=0.01),
-        RecolourSettings(iterations=300, network_rate=0.01),
+        RecolourSettings(iterations=300),
     ),
     "balanced": Preset("balanced", FieldSettings(), ReconstructSettings(), RecolourSettings()),
     "best": Preset(
@@ -231,11 +231,11 @@ def preset(name: str | Preset, encoding: str | None = None) -> Preset:
     if encoding == VALUES:
         chosen = preset(name, "lattice")
         first, second, rate = chosen.reconstruct, chosen.recolour, FitSettings.network_rate
-        parts = first.iterations // VALUE_STEPS[0], second.iterations // VALUE_STEPS[1]
+        steps = first.iterations // VALUE_STEPS[0]
         return replace(
             chosen,
-            reconstruct=replace(first, iterations=parts[0], network_rate=rate, known_density_rate=VALUE_RATE),
-            recolour=replace(second, iterations=parts[1], network_rate=rate, feature_rate=0.0),
+            reconstruct=replace(first, iterations=steps, network_rate=rate, known_density_rate=VALUE_RATE),
+            recolour=replace(second, iterations=second.iterations // VALUE_STEPS[1], feature_rate=0.0),
             values=True,
         )
     chosen = PRESETS[name]

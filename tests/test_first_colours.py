@@ -16,7 +16,7 @@ from svv.train.base.first_colours import start_colours
 CELLS = 16
 UNIT = Box((0.0, 0.0, 0.0), 1.0, (1.0, 1.0, 1.0))
 ORANGE = np.array([0.9, 0.5, 0.2])
-OFF = Shading(on=False)
+AMBIENT = Shading(ambient=1.0, diffuse=0.001)
 
 
 def ball_of(colour: np.ndarray) -> ClassifiedVolume:
@@ -73,9 +73,9 @@ def halves() -> ClassifiedVolume:
     return ClassifiedVolume(UNIT, CELLS, np.full(owner.shape, 2.0, np.float16), owner, ranges)
 
 
-def test_without_light_each_range_has_its_colour_from_all_sides() -> None:
+def test_each_range_has_its_colour_from_all_sides() -> None:
     field, occupancy = ball()
-    start_colours(field, occupancy, halves(), OFF)
+    start_colours(field, occupancy, halves(), AMBIENT)
     place = np.random.default_rng(3).random((500, 3))
     place = place[np.abs(place[:, 0] - 0.5) > 0.2]
     expected = np.array([[0.9, 0.2, 0.1], [0.1, 0.3, 0.8]])[(place[:, 0] > 0.5).astype(int)]
@@ -89,14 +89,19 @@ def test_the_same_seed_starts_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     found = []
     for seed in (0, 0, 1):
         field, occupancy = ball()
-        start_colours(field, occupancy, halves(), OFF, seed)
+        start_colours(field, occupancy, halves(), Shading(), seed)
         found.append(torch.cat([p.detach().flatten() for p in field.parameters()]))
     assert torch.equal(found[0], found[1])
     assert not torch.equal(found[0], found[2])
 
 
-def test_a_lattice_of_one_level_stays_as_it_is() -> None:
-    field, occupancy = ball((16,))
+@pytest.mark.parametrize(
+    ("resolutions", "shading"), [((16,), Shading()), ((8, 16), None), ((8, 16), Shading(on=False))]
+)
+def test_one_level_or_views_without_light_stay_as_they_are(
+    resolutions: tuple[int, ...], shading: Shading | None
+) -> None:
+    field, occupancy = ball(resolutions)
     before = {name: value.clone() for name, value in field.state_dict().items()}
-    start_colours(field, occupancy, halves(), OFF)
+    start_colours(field, occupancy, halves(), shading)
     assert all(torch.equal(value, before[name]) for name, value in field.state_dict().items())

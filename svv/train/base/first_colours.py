@@ -42,7 +42,7 @@ def start_colours(
     """Start the features of a field on the CPU from its volume, and let its network learn how views are shaded.
 
     Without that, a short schedule goes mostly into the few thousand weights of the network. Nothing is done for fields
-    whose density is a network, or whose lattice has one level or fewer than three features.
+    whose density is a network, whose lattice has one level or fewer than three features, or whose views are not shaded.
 
     Args:
         field: Field whose density has its initial values.
@@ -53,13 +53,15 @@ def start_colours(
         most: Maximum number of steps, less than :data:`STEPS` before a schedule that is as short.
     """
     encoding, density = field.encoding, field.density
+    if shading is None or not shading.seen:  # nothing to learn about light; normals would only be noise
+        return
     if not isinstance(encoding, SparseLattice) or density is None or encoding.levels < 2 or encoding.features < 3:
         return
     normals, colours = (encoding.rows_of_level(encoding.levels - k) for k in (1, 2))
     with torch.no_grad():
         encoding.table[normals, :3] = SCALE * _normals(encoding, density, occupancy, volume)
         encoding.table[colours, :3] = SCALE * (2.0 * _colours(encoding, occupancy, volume) - 1.0)
-    _learn_to_shade(field, occupancy, shading or Shading(), seed, min(STEPS, most))
+    _learn_to_shade(field, occupancy, shading, seed, min(STEPS, most))
 
 
 def _normals(encoding: SparseLattice, density: SparseLattice, occupancy: Occupancy, volume: ClassifiedVolume) -> Tensor:
@@ -110,8 +112,6 @@ def _learn_to_shade(field: BaseField, occupancy: Occupancy, shading: Shading, se
 
 def _shaded(normal: Tensor, colour: Tensor, direction: Tensor, shading: Shading) -> Tensor:
     """Return colours (S, 3) with a headlight that shines along directions (S, 3) on normals of either orientation."""
-    if not shading.seen:
-        return colour
     length = normal.norm(dim=1, keepdim=True).clamp(min=LEAST_LENGTH)
     cosine = ((normal * direction).sum(dim=1, keepdim=True) / length).abs()
     highlight = shading.specular * cosine**shading.specular_power

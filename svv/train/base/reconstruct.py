@@ -21,7 +21,14 @@ from svv.kernels.dispatch import CPU, kernels_for
 from svv.kernels.recorded import StepNumbers
 from svv.kernels.types import Room, Samples, TrainingKernels
 from svv.measure import trim_memory
-from svv.train.base.first_extinction import FAINT_PRUNE_LEAST, Beginning, largest_extinction, log_extinction
+from svv.train.base.first_colours import start_colours
+from svv.train.base.first_extinction import (
+    FAINT_PRUNE_LEAST,
+    Beginning,
+    known_volume,
+    largest_extinction,
+    log_extinction,
+)
 from svv.train.base.tomography import mostly_opaque
 from svv.train.run import ranks
 from svv.train.run.batches import Batch, RayBudget, RayPool
@@ -91,8 +98,11 @@ class Reconstruction:
             assert self.field.density is not None
             with torch.no_grad():
                 self.field.density.table.copy_(known.table)
-        self.field.to(device)
         self.field.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
+        volume = known_volume(views, settings, field)
+        if known is not None and volume is not None and beginning.values is None:
+            start_colours(self.field, occupancy, volume, views.meta.shading, seed, settings.iterations)
+        self.field.to(device)
         density = self.field.density
         if density is not None and known is None:
             with torch.no_grad():

@@ -178,7 +178,12 @@ PRESETS = {
         RecolourSettings(iterations=250),
         StylizeSettings(style_views=12),
     ),
-    "fast": Preset("fast", FieldSettings(), ReconstructSettings(iterations=700), RecolourSettings(iterations=300)),
+    "fast": Preset(
+        "fast",
+        FieldSettings(),
+        ReconstructSettings(iterations=700, network_rate=0.01),
+        RecolourSettings(iterations=300),
+    ),
     "balanced": Preset("balanced", FieldSettings(), ReconstructSettings(), RecolourSettings()),
     "best": Preset(
         "best",
@@ -225,10 +230,11 @@ def preset(name: str | Preset, encoding: str | None = None) -> Preset:
         raise BadInput(f"There is no preset '{name}'; choose one of {', '.join(PRESETS)}.")
     if encoding == VALUES:
         chosen = preset(name, "lattice")
-        first, second = chosen.reconstruct, chosen.recolour
+        first, second, rate = chosen.reconstruct, chosen.recolour, FitSettings.network_rate
+        steps = first.iterations // VALUE_STEPS[0]
         return replace(
             chosen,
-            reconstruct=replace(first, iterations=first.iterations // VALUE_STEPS[0], known_density_rate=VALUE_RATE),
+            reconstruct=replace(first, iterations=steps, network_rate=rate, known_density_rate=VALUE_RATE),
             recolour=replace(second, iterations=second.iterations // VALUE_STEPS[1], feature_rate=0.0),
             values=True,
         )

@@ -13,6 +13,7 @@ from torch import Tensor
 from svv.fields.devices.gpu_check import run_checks
 from svv.fields.devices.kernel_checks import CPU, checks
 from svv.fields.devices.region_checks import region_checks
+from svv.fields.devices.training_checks import training_checks
 from svv.kernels import reference
 from svv.kernels.numba import kernels as numba_kernels
 from svv.kernels.types import Kernels, RaySamples, Samples
@@ -121,7 +122,8 @@ def test_regions_that_are_slightly_wrong_are_found(name: str) -> None:
 def test_all_kernels_of_the_cpu_pass(kernels: Kernels) -> None:
     found = list(run_checks(kernels, CPU, 2000, 2))
     assert [wrong for _, _, wrong in found if wrong] == []
-    assert [name for name, *_ in found] == [*checks(), *region_checks(2000)]
+    steps = {} if kernels.TRAINING is None else training_checks(2000)
+    assert [name for name, *_ in found] == [*checks(), *region_checks(2000), *steps]
 
 
 def test_a_fault_is_a_finding_and_not_the_end() -> None:

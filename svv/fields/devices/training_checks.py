@@ -15,6 +15,7 @@ from torch import Tensor
 from svv.core.colour import palette_shading
 from svv.core.rays.compositing import composite_samples
 from svv.core.rays.encodings import lattice_features, spherical_harmonics
+from svv.core.rays.networks import relu_layers
 from svv.core.rounding import KERNELS, NETWORKS
 from svv.fields.devices.kernel_checks import (
     CPU,
@@ -117,29 +118,36 @@ class Inputs:
         return loss_in_torch(out, transmittance, target.shown[:rays], target.weight[:rays], each, alpha)
 
 
-def base_in_torch(at: Inputs, weights: Sequence[Tensor], rows: Tensor, place: Tensor) -> list[Tensor]:
-    """Return what :meth:`svv.kernels.types.TrainingKernels.base` computes, given the representatives."""
+def base_in_torch(
+    at: Inputs, weights: Sequence[Tensor], rows: Tensor, place: Tensor, rounded: bool = True
+) -> list[Tensor]:
+    """Return what :meth:`svv.kernels.types.TrainingKernels.base` computes, given the representatives.
+
+    ``rounded``: whether networks multiply in half precision, as on a GPU.
+    """
+    layers = rounded_layers if rounded else relu_layers
     tables = [lattice.table.detach().clone().requires_grad_() for lattice in at.lattices]
     networks = [weight.clone().requires_grad_() for weight in weights]
     exponent = at.looked_up(at.lattices[0], tables[0]).sum(dim=1)
     sigma = at.samples.sigma * torch.exp(exponent - exponent.detach())  # the marcher has computed its value
     inputs = at.with_harmonics(at.looked_up(at.lattices[1], tables[1]), rows)
-    colour = torch.sigmoid(rounded_layers(inputs, networks))[place]
+    colour = torch.sigmoid(layers(inputs, networks))[place]
     each = torch.tensor([1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, ALPHA])
     loss, error = at.loss(sigma, colour, each, alpha=True)
     return [error.detach(), *torch.autograd.grad(loss, [*networks, *tables])]
 
 
 def palette_in_torch(
-    at: Inputs, networks: Sequence[list[Tensor]], colours: Tensor, owner: Tensor | None
+    at: Inputs, networks: Sequence[list[Tensor]], colours: Tensor, owner: Tensor | None, rounded: bool = True
 ) -> list[Tensor]:  # fmt: skip
-    """Return what :meth:`svv.kernels.types.TrainingKernels.palette` computes."""
+    """Return what :meth:`svv.kernels.types.TrainingKernels.palette` computes; ``rounded`` as above."""
+    layers = rounded_layers if rounded else relu_layers
     geometry, lattice = at.lattices[1], at.lattices[1]
     table, palette = (t.detach().clone().requires_grad_() for t in (lattice.table, colours))
     lighting, mixing = ([w.clone().requires_grad_() for w in network] for network in networks)
     features = at.looked_up(geometry, geometry.table.detach())
-    light = rounded_layers(at.with_harmonics(features, torch.arange(len(features))), lighting)
-    intensity, weights, offsets = palette_shading.material(rounded_layers(at.looked_up(lattice, table), mixing))
+    light = layers(at.with_harmonics(features, torch.arange(len(features))), lighting)
+    intensity, weights, offsets = palette_shading.material(layers(at.looked_up(lattice, table), mixing))
     specular, shade = palette_shading.network_light(light)
     colour = palette_shading.diffuse(intensity, weights, palette + offsets) * shade[:, None] + specular[:, None]
     penalties = [offsets.square().sum(dim=(1, 2)), (shade - 1.0).square(), 1.0 - weights.square().sum(dim=1)]
@@ -194,7 +202,8 @@ def check_base(kernels: Kernels, device: torch.device, seed: int, counts: Sequen
     weights = weights_of((LEVELS * FEATURES + HARMONICS, WIDTH, 2, 3), seed)
     shift = torch.rand(len(counts) + 1, generator=torch.Generator().manual_seed(seed))
     rows, place = (t.cpu() for t in kernels.representatives(at.samples.to(device), every, shift[:-1].to(device)))
-    expected, there = base_in_torch(at, weights, rows, place), [w.to(device) for w in weights]
+    expected = base_in_torch(at, weights, rows, place, kernels.TRAINING.SPARE)
+    there = [w.to(device) for w in weights]
     for spare in (False, True) if kernels.TRAINING.SPARE else (False,):
         samples, target = at.on(device, spare)
         density, features = (cleared(lattice, device) for lattice in at.lattices)
@@ -223,7 +232,7 @@ def check_palette(
         if spare and not kernels.TRAINING.SPARE:
             continue
         samples, target = at.on(device, spare)
-        expected = palette_in_torch(at, (lighting, mixing), palette, owner if owns else None)
+        expected = palette_in_torch(at, (lighting, mixing), palette, owner if owns else None, kernels.TRAINING.SPARE)
         lattice = cleared(at.lattices[1], device)
         of_all = torch.full((len(samples),), 1 << 40)
         of_all[: len(owner)] = owner

@@ -54,7 +54,7 @@ class Splats:
 
         Splats are where pictures showed something: to see what a region covers, hide it in the scene instead.
 
-        >>> two = svv.Splats(
+        >>> two = Splats(
         ...     centres=np.zeros((2, 3), "f4"), scales=np.ones((2, 3), "f4"), rotations=np.eye(4, dtype="f4")[[0, 0]],
         ...     opacities=np.ones(2, "f4"), harmonics=np.zeros((2, 1, 3), "f4"), regions=np.array([0, 1], "i2"),
         ...     names=("bone", "skin"), background=(1.0, 1.0, 1.0))

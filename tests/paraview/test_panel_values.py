@@ -8,7 +8,7 @@ def test_every_property_read_by_name_is_listed_with_its_type(inside) -> None:
 from typing import get_args, get_origin, get_type_hints, Literal, Union
 from types import UnionType
 from dataclasses import is_dataclass
-import svv.options.baking, svv.options.editing, svv.options.figures, svv.options.making
+import svv.options.baking, svv.options.editing, svv.options.figures, svv.options.making, svv.options.splats
 from svv.options.described import described
 from svv.options.figures import VisionName
 from svv.options.making import DeviceName, PresetName
@@ -40,7 +40,8 @@ def every(cls):
         yield from every(one)
 
 options, switches = set(), set()
-for module in (svv.options.baking, svv.options.editing, svv.options.figures, svv.options.making):
+modules = svv.options.baking, svv.options.editing, svv.options.figures, svv.options.making, svv.options.splats
+for module in modules:
     for kind in vars(module).values():
         if is_dataclass(kind) and isinstance(kind, type):
             shown = [f for f in described(kind) if f.property_name]

@@ -35,18 +35,20 @@ SPARE = False
 PARTS = 64
 """Parts of the rays, each with a sum of its own, so that sums do not depend on the threads."""
 
+# The functions below have NumPy's error model: Python's may raise an error in a training that diverges, whose weights
+# are no longer finite. The loop notices that by itself.
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 THIRD, LEAST = np.float32(1.0 / 3.0), np.float32(-80.0)
 BRIGHT, GLEAM, FLOOR = (np.float32(v) for v in (INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR))
 
 
-@njit(fastmath=FAST_MATH)
+@njit(fastmath=FAST_MATH, error_model="numpy")
 def rising(x):  # type: ignore[no-untyped-def]
     """Return 1 / (1 + e^-x), without infinities on the way."""
     return ONE / (ONE + np.exp(-max(x, LEAST)))
 
 
-@njit(parallel=True, fastmath=FAST_MATH, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, error_model="numpy", cache=True)
 def learn_base(  # type: ignore[no-untyped-def]
     sigma, skipped, raw, place, start, count, tail, step, shown, weight, alpha, w, g_raw, g_density, squared
 ):
@@ -88,7 +90,7 @@ def learn_base(  # type: ignore[no-untyped-def]
                 g_raw[k, c] *= raw[k, c] * (ONE - raw[k, c])
 
 
-@njit(fastmath=FAST_MATH)
+@njit(fastmath=FAST_MATH, error_model="numpy")
 def _bend(values, first, column, shift, soft, slope):  # type: ignore[no-untyped-def]
     """Write the softplus of a column of ``values`` (S, C) plus a ``shift``, and its derivative, from a row on."""
     width, last = np.int32(values.shape[1]), splat(np.int32(values.shape[0] - 1))
@@ -99,7 +101,7 @@ def _bend(values, first, column, shift, soft, slope):  # type: ignore[no-untyped
         store(slope, k, ONE / (ONE + exp(ZERO - x)))
 
 
-@njit(fastmath=FAST_MATH)
+@njit(fastmath=FAST_MATH, error_model="numpy")
 def _mix(raw, colours, soft, j, mixed, weights):  # type: ignore[no-untyped-def]
     """Write a sample's ``mixed`` colour, without light, and penalties (6,), and palette ``weights`` (P,).
 
@@ -123,7 +125,7 @@ def _mix(raw, colours, soft, j, mixed, weights):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(fastmath=FAST_MATH)
+@njit(fastmath=FAST_MATH, error_model="numpy")
 def _mix_back(  # type: ignore[no-untyped-def]
     raw, colours, soft, slopes, shade, j, mixed, weights, g, owned, foreign, g_raw, g_light, g_colours
 ):
@@ -157,7 +159,7 @@ def _mix_back(  # type: ignore[no-untyped-def]
         g_raw[1 + p] = (g_raw[1 + p] - mean) / mixed[6] * slopes[1 + p, j]
 
 
-@njit(parallel=True, fastmath=FAST_MATH, cache=True)
+@njit(parallel=True, fastmath=FAST_MATH, error_model="numpy", cache=True)
 def learn_palette(  # type: ignore[no-untyped-def]
     sigma, skipped, raw, light, colours, start, count, step, shown, weight, penalties, owner, foreign, g_raw, g_light,
     g_colours, squared,

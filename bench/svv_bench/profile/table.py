@@ -14,9 +14,9 @@ from svv_bench.profile.work import Work
 from svv_bench.results import Figure, cells
 
 STAGES = (
-    "draw pixels", "rays", "march", "choose samples", "encode", NETWORKS, "material and light", "regions of samples",
-    "composite", REST, "composite, backward", f"{NETWORKS}, backward", "encode, backward", REST_BACK, OPTIMISER,
-    "Adam, tables", "prune", GLUE,
+    "draw pixels", "rays", "march", "choose samples", "encode", NETWORKS, "encode and networks", "material and light",
+    "regions of samples", "composite", REST, "composite, backward", f"{NETWORKS}, backward", "encode, backward",
+    REST_BACK, OPTIMISER, "Adam, tables", "prune", GLUE,
 )  # fmt: skip
 """All possible stages, in the order of the work."""
 

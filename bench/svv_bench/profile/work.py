@@ -97,6 +97,7 @@ def _watched_steps(steps: TrainingKernels) -> list[Watched]:
     """Return the functions of which the CPU's whole steps are made."""
     return [
         Watched(steps, "representatives", "choose samples", lambda a: _choose(len(a[0]))),
+        Watched(Owners, "of", "regions of samples", lambda a: Work(len(a[1]), 20 * len(a[1]), 0, len(a[1]))),
         Watched(steps, "encode_into", "encode", lambda a: _encode(a[1], a[2], a[3].shape[1], 1)),
         Watched(steps, "lattice_encode", "encode", lambda a: _encode(a[0], a[1], a[2].shape[1], 1)),
         Watched(steps, "lattice_backward", "encode, backward", lambda a: _encode(a[0], a[2], a[3].shape[1], 2)),
@@ -112,7 +113,7 @@ def _network(samples: int, weights: Sequence[Tensor]) -> Work:
 
 def _watched_image(image: ImageKernels) -> list[Watched]:
     return [
-        Watched(image, "features", "encode", _features),
+        Watched(image, "looks", "encode and networks", _looks),
         Watched(image, "material", "material and light", lambda a: _material(*a[0].shape)),
         Watched(image, "light", "material and light", lambda a: Work(len(a[1]), 40 * len(a[1]), 50 * len(a[1]))),
         Watched(image, "composite", "composite", lambda a: _composite(len(a[1]), len(a[0].start), 7, 1)),
@@ -168,10 +169,10 @@ def _hash(samples: int, levels: int, features: int, passes: int) -> Work:
     return Work(samples, moved, samples * levels * (LOCATE_OPERATIONS + 40 + 16 * features), corners)
 
 
-def _features(a: Sequence[Any]) -> Work:
-    samples, harmonics, lattice, tables = a
-    moved = FLOAT_BYTES * len(samples) * harmonics.shape[1]
-    return _encode(samples.position, lattice, tables.shape[1], 1) + Work(0, moved)
+def _looks(a: Sequence[Any]) -> Work:
+    samples, _, lattice, tables, *networks = a
+    looked_up = _encode(samples.position, lattice, tables.shape[1], 1)
+    return sum((_network(len(samples), weights) for weights in networks), looked_up)
 
 
 def _material(samples: int, outputs: int) -> Work:

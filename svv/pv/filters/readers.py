@@ -53,7 +53,7 @@ class StyleRFSceneWriter(Writer):
 )
 @takes_scene
 class StyleRFSplatsWriter(Writer):
-    """Fit Gaussian splats to a scene, and write them to a file (.ply, .spz, .glb, .usdz)."""
+    """Fit splats to a scene, and write them to a file (.ply, .spz, .glb, .usdz)."""
 
     def work(self, inputs: list[Data], outputs: list[Data], out_info: OutInfo) -> None:
         from svv.job.splats import export_splats

@@ -56,6 +56,19 @@ def threads_each() -> int:
     return max(1, (os.cpu_count() or 1) // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
 
 
+@pytest.fixture
+def small_files() -> Iterator[None]:
+    """Files may have 700 bytes at most, also those that other programs write, such as the movie encoder."""
+    import resource  # which Windows has not
+    import signal
+
+    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (700, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def share_the_cores() -> None:
     """Two tests with two threads each on two cores take a fifth longer than with one; whoever sets a number gets it."""

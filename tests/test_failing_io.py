@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import os
-import resource
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -28,16 +26,6 @@ from tests.ranked import fog_views
 from tests.test_kills import campaign
 
 NAME = "scene-" + "0" * 20 + "-" + "0" * 20 + "-1.svv"
-
-
-@pytest.fixture
-def small_files() -> Iterator[None]:
-    """Files may have 700 bytes at most, also those that other programs write, such as the movie encoder."""
-    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (700, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    signal.signal(signal.SIGXFSZ, handler)
 
 
 @pytest.mark.slow

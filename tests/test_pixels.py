@@ -141,6 +141,16 @@ def test_they_are_found_once_for_a_view_set() -> None:
     assert pixels_of(discs()) is not pixels_of(views)
 
 
+def test_images_in_any_order_of_memory_give_the_same_batches() -> None:
+    """Images of other libraries often have their channels turned round, or one plane for each channel."""
+    views, box = discs(), Box.of_bounds((-1.0,) * 3, (1.0,) * 3)
+    planes = np.ascontiguousarray(np.moveaxis(views.images, -1, 0))
+    expected = RayPool(views, box, 0, CPU).batch(1, 50)
+    for images in (np.moveaxis(planes, 0, -1), views.images[..., ::-1].copy()[..., ::-1]):
+        found = RayPool(views_of(images), box, 0, CPU).batch(1, 50)
+        assert torch.equal(found.shown, expected.shown) and torch.equal(found.weight, expected.weight)
+
+
 def test_visible_colours_are_drawn_evenly_and_hardly_one_twice() -> None:
     """Each of 4,800 pixels, told apart by their colours, is as likely as any other, wherever it is in the list."""
     images = np.full((3, SIZE, SIZE, 4), 255, np.uint8)

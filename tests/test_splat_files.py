@@ -5,11 +5,9 @@ from __future__ import annotations
 import gzip
 import json
 import resource
-import signal
 import struct
 import sys
 import zipfile
-from collections.abc import Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -306,16 +304,6 @@ def test_other_suffixes_are_refused(tmp_path: Path) -> None:
         read_splats(tmp_path / "a.usdz")
     with pytest.raises(BadInput, match="No such file"):
         read_splats(tmp_path / "a.ply")
-
-
-@pytest.fixture
-def small_files() -> Iterator[None]:
-    """Files may have 700 bytes at most."""
-    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (700, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    signal.signal(signal.SIGXFSZ, handler)
 
 
 @pytest.mark.parametrize("suffix", [*SUFFIXES, WITH_USD])

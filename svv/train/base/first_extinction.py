@@ -153,8 +153,10 @@ def largest_extinction(
 
     ``exponent`` is its logarithm (S,) at points (S, 3). Ranks that call this together (``shared``) each look at a part.
     The 8 ``corners`` are enough where the exponent is interpolated between them. If it is that of a ``lattice``, the
-    vertices of this tell instead where they can (:meth:`svv.fields.radiance.encodings.SparseLattice.largest_in_cells`).
+    vertices of this tell instead where they can (:meth:`svv.fields.radiance.encodings.SparseLattice.largest_in_cells`),
+    and corners are enough where it has no vertex within a cell.
     """
+    corners = corners or (lattice is not None and max(lattice.resolutions) <= occupancy.cells)
     corner = occupancy.occupied_on(device).nonzero()
 
     def largest(some: Tensor) -> Tensor:

@@ -246,11 +246,8 @@ class Reconstruction:
 
     def prune(self, grow: bool) -> None:
         """Remove the cells in which nothing is visible any more."""
-        exponent, lattice = partial(log_extinction, self.field), self.field.density
-        corners = lattice is not None and max(lattice.resolutions) <= self.occupancy.cells  # no vertex is within a cell
-        largest = largest_extinction(
-            exponent, self.occupancy, self.device, shared=True, corners=corners, lattice=lattice
-        )
+        exponent = partial(log_extinction, self.field)
+        largest = largest_extinction(exponent, self.occupancy, self.device, shared=True, lattice=self.field.density)
         depth = largest * self.marching.step
         pruned = self.occupancy.pruned(depth, least_extinction(self.prune_least, float(depth.max())), grow)
         if pruned.occupied.any():

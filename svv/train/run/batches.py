@@ -95,7 +95,7 @@ class RayPool:
 
     def __init__(self, views: ViewSet, box: Box, seed: int, device: torch.device, headlight: str = "point") -> None:
         self._caster = RayCaster(views.cameras, box, device, headlight)
-        self._levels, self._views = views.images.reshape(-1, 4), views
+        self._levels, self._views = np.ascontiguousarray(views.images).reshape(-1, 4), views
         self._seed = seed
         self._there = views_on(views, device)
         self._sources: dict[float, PixelSource] = {}

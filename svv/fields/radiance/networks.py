@@ -134,7 +134,7 @@ class BaseField(nn.Module):
         # Set by training if the extinction is a function of the volume's values; scenes keep it as a ValueFunction.
         self.extinction_table: Tensor | None = None
         self.density: SparseLattice | None = None
-        self.density_mlp: nn.Sequential | None = None
+        self.density_mlp: Layers | None = None
         if not isinstance(self.encoding, SparseLattice):
             self.density_mlp = mlp(self.encoding.width, settings.width, 1, 16, rough=False)
             self.geometry_width = 15
@@ -241,14 +241,17 @@ class PaletteField(nn.Module):
         self.palette_mlp = mlp(self.encoding.width, settings.width, 1, 1 + 4 * count)
 
     def light_like(self, base: BaseField) -> None:
-        """Start the lighting MLP's hidden layers from the base colour MLP's."""
+        """Start the lighting MLP's hidden layers from the base colour MLP's, without any light yet.
+
+        Weights of a last layer for features of other sizes would saturate the shade, which then does not learn.
+        """
         if self.lighting_mlp is None:
             return
+        *hidden, last = self.lighting_mlp.weights
         with torch.no_grad():
-            pairs = zip(list(self.lighting_mlp)[:-1], list(base.colour_mlp)[:-1], strict=True)
-            for mine, its in pairs:
-                if isinstance(mine, nn.Linear) and isinstance(its, nn.Linear):
-                    mine.weight.copy_(its.weight)
+            for mine, its in zip(hidden, base.colour_mlp.weights, strict=False):
+                mine.copy_(its)
+            last.zero_()
 
     def material(self, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return view-independent intensity (S,), weights (S, P) and offsets (S, P, 3)."""

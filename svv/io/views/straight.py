@@ -21,6 +21,9 @@ GROWS, SPREAD = 0.5, 0.05
 """Power of alpha with which colours must grow to be multiplied by it, and the least deviation of alpha's logarithm that
 tells a power."""
 
+LEAST_ALPHA = 1 << 24
+"""A pixel as a number, if its alpha is 1 and it is black."""
+
 DIVIDED = (
     "No translucent pixel is brighter than its alpha, and colours grow with alpha, so they were taken for multiplied "
     "by it (premultiplied) and divided by it; if they are dark and straight, {how}."
@@ -80,11 +83,14 @@ def _divided(
 def _background(images: Sequence[Images]) -> NDArray[np.uint8] | None:
     """Return the colour that all transparent pixels have; None if they differ, are black, or are none. (3,)"""
     behind, alike, number = None, 0, 0
-    for image in images:  # of all at once, they would take nearly as much memory as the images
-        colours = image[image[..., 3] == 0][:, :3]
-        if len(colours):
-            behind = np.median(colours, axis=0).astype(np.uint8) if behind is None else behind
-            alike, number = alike + int((colours == behind).all(axis=1).sum()), number + len(colours)
+    for image in images:
+        whole = _whole(image)
+        clear = whole < LEAST_ALPHA
+        if behind is None and clear.any():
+            behind = np.median(image[clear][:, :3], axis=0).astype(np.uint8)
+        if behind is not None:
+            same = whole == int.from_bytes(behind.tobytes(), "little")
+            alike, number = alike + int(np.count_nonzero(same)), number + int(np.count_nonzero(clear))
     return behind if behind is not None and behind.any() and alike >= (1.0 - EXCEPTIONS) * number else None
 
 
@@ -97,17 +103,24 @@ def _distances(stored: NDArray[np.uint8], behind: NDArray[np.uint8]) -> NDArray[
 
 
 def _counted(image: Images, stored: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Return how many pixels have each alpha and brightest channel, by tables (256,) or (3, 256). (256, 256)"""
-    tables = np.broadcast_to(stored, (3, 256))
-    brightest = np.maximum.reduce([tables[channel][image[..., channel]] for channel in range(3)])
-    code = 256 * image[..., 3].astype(np.int32) + brightest
-    return np.bincount(code.ravel(), minlength=65536).reshape(256, 256)
+    """Return how many translucent pixels have each alpha and brightest channel, by tables (256,) or (3, 256).
+
+    (256, 256)
+    """
+    whole, tables = _whole(image), np.broadcast_to(stored, (3, 256))
+    seen = image[(whole >= LEAST_ALPHA) & (whole < 255 * LEAST_ALPHA)]
+    brightest = np.maximum.reduce([tables[channel][seen[:, channel]] for channel in range(3)])
+    return np.bincount(256 * seen[:, 3].astype(np.int32) + brightest, minlength=65536).reshape(256, 256)
+
+
+def _whole(image: Images) -> NDArray[np.uint32]:
+    """Return pixels as numbers of four bytes, alpha the highest: one comparison of a pixel, not of its channels."""
+    return np.ascontiguousarray(image).view("<u4")[..., 0]
 
 
 def _found(counts: NDArray[np.int64]) -> tuple[AlphaName, str | None]:
-    """Judge pixels by how many have each alpha and brightness. (256, 256)"""
-    alpha, level = np.arange(256)[:, None], np.arange(256)
-    translucent = counts * ((alpha > 0) & (alpha < 255))
+    """Judge translucent pixels by how many have each alpha and brightness. (256, 256)"""
+    alpha, level, translucent = np.arange(256)[:, None], np.arange(256), counts
     number = int(translucent.sum())
     exceeding = int((translucent * (level > alpha + 1)).sum())
     if number < FEW or exceeding > EXCEPTIONS * number or not translucent[:, 1:].any():

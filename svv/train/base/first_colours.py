@@ -16,7 +16,7 @@ from svv.fields.radiance.networks import BaseField, encode_directions
 from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.of_values import features_of
 from svv.fields.radiance.phong import gradient_of
-from svv.train.run.loop import falling, network_adam
+from svv.train.run.loop import falling, groups_of, network_adam
 
 SCALE = 2.0
 """Length of a normal, and half the range of a colour, among the features."""
@@ -93,8 +93,7 @@ def _learn_to_shade(field: BaseField, occupancy: Occupancy, shading: Shading, se
     encoding, generator = field.encoding, np.random.default_rng(seed)
     assert isinstance(encoding, SparseLattice)
     cells, end = np.argwhere(occupancy.occupied), np.asarray(occupancy.box.extent, np.float32)
-    weights = list(field.colour_mlp.parameters())
-    networks, rays = network_adam(weights, RATE), torch.arange(POINTS, dtype=torch.int32)
+    networks, rays = network_adam(groups_of([field.colour_mlp], RATE, muon=True)), torch.arange(POINTS, dtype=torch.int32)
     last, before = (slice(first, first + 3) for first in encoding.width - encoding.features * np.array([1, 2]))
     for step in range(steps):
         cell = cells[generator.integers(0, len(cells), POINTS)]

@@ -34,7 +34,7 @@ from svv.train.run import ranks
 from svv.train.run.batches import Batch, RayBudget, RayPool
 from svv.train.run.config import ReconstructSettings
 from svv.train.run.gradients import sum_gradients
-from svv.train.run.loop import Loop, Running, falling, network_adam, recorded_steps
+from svv.train.run.loop import Loop, Running, falling, groups_of, growing, network_adam, recorded_steps
 from svv.train.run.sample_room import SampleRoom
 
 LEAST_GAIN = 0.1
@@ -113,9 +113,12 @@ class Reconstruction:
         self.marching = Marching(1.0 / finest, keep=settings.keep)
         self.pool = RayPool(views, occupancy.box, seed, device, field.headlight)
         self.budget = RayBudget(settings.rays, settings.samples)
+        self.drawn = self.budget.rays
+        """Rays of the step, of all ranks."""
         ranks.alike(self.field)
         self.trained = [p for n, p in self.field.named_parameters() if not n.endswith("table")]
-        self.networks = network_adam(self.trained, settings.network_rate)
+        own = [n for n in (self.field.density_mlp, self.field.colour_mlp) if n is not None]
+        self.networks = network_adam(groups_of(own, settings.network_rate, settings.muon))
         self.tables = LatticeAdam(self.field.encodings)
         self.room, self.recorded, self.numbers = SampleRoom(device), recorded_steps(device), StepNumbers(device)
 
@@ -124,7 +127,8 @@ class Reconstruction:
         s = self.settings
         if fraction >= REFINE_AT and self.refined is None and self.field.density is not None:
             self.refine()
-        rays, kernels = ranks.part(self.budget.rays), self._kernels()
+        self.drawn = self.budget.part(growing(fraction, s.doublings, s.hold))
+        rays, kernels = ranks.part(self.drawn), self._kernels()
         count, rates = rays.stop - rays.start, self._rates(falling(fraction, s.decay, s.hold))
         there = kernels is not None and kernels.SPARE
         room = self.room.of(number, count) if there else None
@@ -140,7 +144,7 @@ class Reconstruction:
     def _take(self, number: int, rays: slice, kernels: TrainingKernels | None, room: Room | None) -> Tensor:
         """Take a step; with room for its samples, all that differs from step to step is read from the numbers."""
         numbers = self.numbers
-        batch = self.pool.batch(number, self.budget.rays, rays, self.settings.by_contrast, numbers.pixels)
+        batch = self.pool.batch(number, self.drawn, rays, self.settings.by_contrast, numbers.pixels)
         marched = march(
             batch.rays, self.occupancy, self.field.density, self.marching, numbers.march, batch.first, room
         )  # fmt: skip
@@ -151,7 +155,7 @@ class Reconstruction:
             error, cost = self._learn_in_torch(marched, batch)
         if room is None:
             self.room.counted(len(marched), len(batch.rays))
-            self.budget.adjust(number, cost)
+            self.budget.adjust(number, cost, self.drawn)
         error = sum_gradients(error, self.trained, self.field.encodings)
         self._update()
         return error

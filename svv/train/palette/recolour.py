@@ -30,7 +30,7 @@ from svv.train.run import ranks
 from svv.train.run.batches import Batch, RayBudget, RayPool
 from svv.train.run.config import RecolourSettings
 from svv.train.run.gradients import sum_gradients
-from svv.train.run.loop import Loop, Running, falling, network_adam, recorded_steps
+from svv.train.run.loop import Loop, Running, falling, groups_of, growing, network_adam, recorded_steps
 from svv.train.run.network_adam import Group
 from svv.train.run.sample_room import SampleRoom
 
@@ -93,11 +93,9 @@ class Recolouring:
         s = self.settings
         if s.joined > 0 and self.base.density is not None:
             self.marching = replace(self.marching, least_weight=s.joined, merge=True)
-        networks = [p for n, p in self.field.named_parameters() if not n.endswith(("table", "colours", "phong.raw"))]
-        groups: list[Group] = [
-            {"params": networks, "full": s.network_rate},
-            {"params": [self.field.colours], "full": s.palette_rate},
-        ]
+        own = [n for n in (self.field.lighting_mlp, self.field.palette_mlp) if n is not None]
+        groups: list[Group] = groups_of(own, s.network_rate, s.muon)
+        groups.append({"params": [self.field.colours], "full": s.palette_rate})
         encodings = [self.field.encoding]
         if self.field.phong is not None:
             groups.append({"params": [self.field.phong.raw], "full": PHONG_RATE})
@@ -107,13 +105,15 @@ class Recolouring:
         self.networks = network_adam(groups)
         self.tables = LatticeAdam([encoding for encoding in encodings if encoding.table.requires_grad])
         self.budget = RayBudget(s.rays, s.samples)
+        self.drawn = self.budget.rays
         device = self.field.colours.device
         self.room, self.recorded, self.numbers = SampleRoom(device), recorded_steps(device), StepNumbers(device)
 
     def step(self, number: int, fraction: float) -> Tensor:
         """Take one step of the optimisers; returns the mean squared error of colour."""
         s = self.settings
-        rays, kernels = ranks.part(self.budget.rays), self._kernels()
+        self.drawn = self.budget.part(growing(fraction, s.doublings, s.hold))
+        rays, kernels = ranks.part(self.drawn), self._kernels()
         count, rate = rays.stop - rays.start, falling(fraction, s.decay, s.hold)
         there = kernels is not None and kernels.SPARE
         room = self.room.of(number, count) if there else None
@@ -130,12 +130,12 @@ class Recolouring:
     def _take(self, number: int, rays: slice, kernels: TrainingKernels | None, room: Room | None) -> Tensor:
         """Take a step; with room for its samples, all that differs from step to step is read from the numbers."""
         numbers = self.numbers
-        batch = self.pool.batch(number, self.budget.rays, rays, self.settings.by_contrast, numbers.pixels)
+        batch = self.pool.batch(number, self.drawn, rays, self.settings.by_contrast, numbers.pixels)
         samples = march(
             batch.rays, self.occupancy, self.base.density, self.marching, numbers.march, batch.first, room
         )  # fmt: skip
         if room is None:
-            self.budget.adjust(number, len(samples))
+            self.budget.adjust(number, len(samples), self.drawn)
             self.room.counted(len(samples), len(batch.rays))
         self.networks.zero_grad(set_to_none=True)
         if kernels is not None and len(samples):

@@ -71,16 +71,23 @@ SAME = 1.0 / 16.0
 
 
 class RayBudget:
-    """The number of rays per step: fewer when they give many samples, because samples determine the cost of a step."""
+    """The number of rays per step: fewer when they give many samples, because samples determine the cost of a step.
+
+    Early steps take a part of them: far from the goal, many inexact steps get further than few exact ones.
+    """
 
     def __init__(self, most: int, samples: int) -> None:
         """Allow at most ``most`` rays, and at least a quarter of that, for about ``samples`` samples."""
         self.rays, self._most, self._samples = most, most, samples
 
-    def adjust(self, number: int, samples: float) -> None:
-        """Adapt to the samples of this rank's rays in every 16th step; small differences record no steps anew."""
+    def part(self, part: float) -> int:
+        """Return the number of rays of a step that takes a ``part`` of the largest batch, at least 1."""
+        return max(1, int(self.rays * part))
+
+    def adjust(self, number: int, samples: float, rays: int) -> None:
+        """Adapt to the samples of this rank's of ``rays`` in every 16th step; small differences record nothing anew."""
         if number % 16 == 0:
-            ideal = self._samples * self.rays / max(int(ranks.total(samples)), 1)
+            ideal = self._samples * rays / max(int(ranks.total(samples)), 1)
             rays = int(np.clip(ideal, self._most // 4, self._most))
             if abs(rays - self.rays) > SAME * self.rays:
                 self.rays = rays

@@ -24,10 +24,14 @@ class FitSettings:
     """Maximum rays per step; as few as a quarter are drawn, to stay within ``samples``."""
     samples: int = 32768
     """Target number of visible samples per step: opaque scenes have few along a ray, translucent ones many."""
+    doublings: int = 2
+    """Number of times that rays and samples double until ``hold``; those above are the numbers in the end."""
     feature_rate: float = 0.02
     """Learning rate of the features."""
     network_rate: float = 0.005
     """Learning rate of the networks."""
+    muon: bool = True
+    """Whether hidden layers take orthogonalized steps (Muon, Jordan et al. 2024) instead of Adam's."""
     decay: float = 0.0
     """Learning rates at the end, as a part of those at the start, to which they fall exponentially. 0: they fall
     linearly to nothing after ``hold``."""
@@ -164,9 +168,9 @@ class Preset:
 
 PAPER_STAGES = (
     ReconstructSettings(iterations=30000, use_volume=False, tomography=False, feature_rate=0.01, network_rate=0.01,
-                        decay=0.1, by_contrast=0.0),
+                        decay=0.1, by_contrast=0.0, doublings=0, muon=False),
     RecolourSettings(2500, feature_rate=0.01, network_rate=0.01, decay=0.05, by_contrast=0.0, offset_start=1.0,
-                     shade_weight=0.0, mixing_weight=0.0, joined=0.0),
+                     shade_weight=0.0, mixing_weight=0.0, joined=0.0, doublings=0, muon=False),
 )  # fmt: skip
 """Stages 1 and 2 as in the paper."""
 

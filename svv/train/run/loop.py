@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import torch
@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from svv.errors import BadInput, Cancelled, Progress, silent
 from svv.fields.devices.gpu import may_record
+from svv.fields.radiance.networks import Layers
 from svv.kernels.recorded import RecordedSteps
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Checkpoint
@@ -214,6 +215,24 @@ def falling(fraction: float, end: float, hold: float = 0.0) -> float:
 def recorded_steps(device: torch.device) -> RecordedSteps:
     """Return what records a stage's steps, unless several processes train, whose steps wait for each other."""
     return RecordedSteps(may_record(device) and not ranks.many())
+
+
+def growing(fraction: float, doublings: int, hold: float = 0.8) -> float:
+    """Return which part of the largest batch a step takes: it doubles ``doublings`` times until ``hold``.
+
+    Example:
+        >>> [growing(fraction, 2, 0.75) for fraction in (0.0, 0.2, 0.25, 0.5, 1.0)]
+        [0.25, 0.25, 0.5, 1.0, 1.0]
+    """
+    done = doublings if hold <= 0.0 else min(int(fraction / hold * (doublings + 1)), doublings)
+    return float(0.5 ** (doublings - done))
+
+
+def groups_of(networks: Iterable[Layers], rate: float, muon: bool) -> list[Group]:
+    """Return the weights of networks as groups for :func:`network_adam`: hidden layers, and the last ones."""
+    every = [network.weights for network in networks]
+    hidden, last = [w for each in every for w in each[:-1]], [each[-1] for each in every]
+    return [{"params": hidden, "full": rate, "muon": muon}, {"params": last, "full": rate}]
 
 
 def network_adam(parameters: Sequence[Tensor] | Sequence[Group], rate: float = 1e-3) -> NetworkAdam:

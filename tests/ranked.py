@@ -114,9 +114,9 @@ def step_again(path: Path) -> Results:
         gradients, rates = work.tables.noted
         adam = gradients[k], *work.tables.moments[k], work.tables.age[k][:, None], torch.tensor(rates[k])
         found |= named(names[id(encoding.table)], adam, encoding.table)
-    for k, rate, parameter in work.networks._numbered():
+    for k, group, parameter in work.networks._numbered():
         own = work.networks.state[k]
-        adam = parameter.grad, own["exp_avg"], own["exp_avg_sq"], own["step"], torch.tensor(rate)
+        adam = parameter.grad, own["exp_avg"], own["exp_avg_sq"], own["step"], torch.tensor(group["lr"])
         found |= named(names[id(parameter)], adam, parameter)
     return found
 

@@ -107,7 +107,7 @@ def test_numbers_of_samples_that_scatter_change_neither_room_nor_rays() -> None:
     for number in range(0, 40 * COUNT_EVERY, COUNT_EVERY):
         samples = int(budget.rays * 80 * generator.uniform(0.98, 1.02))
         room.counted(samples, budget.rays)
-        budget.adjust(number, samples)
+        budget.adjust(number, samples, budget.rays)
         steps = room.of(number + 1, budget.rays)
         assert steps is not None and 1.2 < steps.samples / (80 * budget.rays) < 1.9
         seen.add((budget.rays, steps.samples))

@@ -81,7 +81,8 @@ class Training:
         self.confidence: tuple[float, ...] = ()
         with self._timed("check"):
             empty = ranks.once(lambda: check_shown(views))
-            checked = ranks.once(lambda: check_agreement(views.cameras, views.images, views.names))
+            drawn = views.classified is not None
+            checked = ranks.once(lambda: check_agreement(views.cameras, views.images, views.names, drawn=drawn))
             told = checked.doubt, checked.fixed, ranks.once(lambda: equal_views(views)), empty
         self.warnings = [said for said in told if said is not None]
 

@@ -120,7 +120,7 @@ def _stage_1(views: ViewSet, chosen: Preset, steps: int, seed: int, work: _Steps
     for (name, end), start in zip(ends, (0, steps // 2), strict=True):
         for _ in range(start, end - work.looked_at):
             step()
-        work.take(name, training.budget.rays, step)
+        work.take(name, training.drawn, step)
     base, occupancy = training.finish()
     rig = CameraRig.of(views.cameras)
     return Scene(field, occupancy, Marching(training.marching.step), base, camera_rig=rig)
@@ -152,7 +152,7 @@ def _stage_2(
 
     for _ in range(steps - work.looked_at):
         step()
-    work.take("stage 2", training.budget.rays, step)
+    work.take("stage 2", training.drawn, step)
     network.requires_grad_(False)
     found = zip(network.colours.tolist(), training.shares(), strict=True)
     regions = tuple(Region(tuple(colour), float(share)) for colour, share in found)

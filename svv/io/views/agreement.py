@@ -111,10 +111,12 @@ def check_agreement(
     names: Sequence[str],
     where: object = None,
     also: Sequence[Mistake] = (),
+    drawn: bool = False,
 ) -> Agreement:
     """Check that pictures (n, height, width, 4) with straight alpha agree with their cameras; BadInput otherwise.
 
-    ``where`` they come from is for messages; the mistakes ``also`` are tried before the usual ones.
+    ``where`` they come from is for messages; the mistakes ``also`` are tried before the usual ones, which are those of
+    conversions from other programs: none are looked for if svv has ``drawn`` the pictures.
     """
     fixed = fixed_in(cameras, images)
     if fixed is not None:  # a colour bar must not be blamed on the cameras
@@ -122,7 +124,7 @@ def check_agreement(
     tracing = Tracing(images)
     outlines = tracing.outlines(some_of(len(cameras)))
     which = "The pictures" if where is None else f"The pictures of {where}"
-    found, doubt = _check(cameras, outlines, names, which, also)
+    found, doubt = _check(cameras, outlines, names, which, also, drawn)
     if found is None and doubt is None and outlines.cut > MOSTLY_CUT:
         doubt = f"{which} {HARDLY_TELL}"
     alone = None if found is None else _apart(cameras, tracing, names)
@@ -186,7 +188,8 @@ def _surrounded(images: NDArray[np.uint8]) -> str | None:
 
 
 def _check(
-    cameras: Sequence[Camera], outlines: Outlines, names: Sequence[str], which: str, also: Sequence[Mistake]
+    cameras: Sequence[Camera], outlines: Outlines, names: Sequence[str], which: str, also: Sequence[Mistake],
+    drawn: bool,
 ) -> tuple[str | None, str | None]:
     if not outlines.levels:
         return None, None
@@ -201,7 +204,8 @@ def _check(
     tells = ~(mixed <= 2.0 * GOOD)  # others, such as those of a ball, agree with anything
     if faced and (found[tells] <= GOOD).sum() >= 0.5 * tells.sum():
         return _agree(found), None
-    cause = _cause(whole, outlines, found, [*also, *mistakes(whole.matrices, names)], cameras[0])
+    usual = [*also, *mistakes(whole.matrices, names)]
+    cause = None if drawn else _cause(whole, outlines, found, usual, cameras[0])
     if cause is not None:
         finite = found[np.isfinite(found)]
         most = f"{finite.max():.3g} pixels" if len(finite) else "more than can be compared"

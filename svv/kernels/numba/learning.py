@@ -23,7 +23,7 @@ from svv.kernels.numba.operations import (
     harmonics_into,
     lattice_backward,
     lattice_encode,
-    network,
+    network_and_back,
     representatives,
 )
 from svv.kernels.reference import loss as loss
@@ -234,7 +234,7 @@ def base(
     rows, place = representatives(samples, every, shift)
     position = samples.position.index_select(0, rows)
     inputs = _with_harmonics(position, samples.ray.index_select(0, rows), target, table.lattice, table.features)
-    raw, leaves = _outputs(inputs.requires_grad_(), weights)
+    raw, back = network_and_back(inputs, weights, of_inputs=True)
     w, g_density, g_raw = (torch.empty_like(v) for v in (samples.sigma, samples.sigma, raw))
     squared = torch.empty(len(samples.count))
     learn_base(
@@ -242,7 +242,7 @@ def base(
         np.float32(samples.step), *_arrays(target.shown, target.weight), np.float32(alpha),
         *_arrays(w, g_raw, g_density, squared),
     )  # fmt: skip
-    of_inputs, *gradients = torch.autograd.grad(raw, [inputs, *leaves], g_raw)
+    of_inputs, *gradients = back(g_raw)
     features = table.features.shape[1] * len(table.lattice.scales)
     lattice_backward(position, of_inputs[:, :features], table.lattice, table.gradient, table.used)
     alike = g_density[:, None].expand(-1, len(density.lattice.scales))
@@ -257,8 +257,9 @@ def palette(
 ) -> tuple[Tensor, list[Tensor]]:  # fmt: skip
     """Take stage 2's step up to the optimisers."""
     lit = _with_harmonics(samples.position, samples.ray, target, *geometry)
-    plain = lattice_encode(samples.position, material.lattice, material.features).requires_grad_()
-    (light, of_light), (raw, of_raw) = _outputs(lit, networks[0]), _outputs(plain, networks[1])
+    plain = lattice_encode(samples.position, material.lattice, material.features)
+    light, of_light = network_and_back(lit, networks[0], of_inputs=False)
+    raw, of_raw = network_and_back(plain, networks[1], of_inputs=True)
     regions, owner, foreign = len(colours), torch.empty(0, dtype=torch.int64), torch.zeros(len(colours))
     if owned is not None:
         owner, foreign = owned.owner, owned.weight / owned.number.clamp(min=1)
@@ -269,8 +270,7 @@ def palette(
         np.float32(samples.step), *_arrays(target.shown, target.weight), each,
         *_arrays(owner, foreign, g_raw, g_light, g_colours, squared),
     )  # fmt: skip
-    of_lighting = torch.autograd.grad(light, of_light, g_light)
-    of_plain, *of_mixing = torch.autograd.grad(raw, [plain, *of_raw], g_raw)
+    of_lighting, (of_plain, *of_mixing) = of_light(g_light), of_raw(g_raw)
     lattice_backward(samples.position, of_plain, material.lattice, material.gradient, material.used)
     return squared.sum() / 3.0, [*of_lighting, *of_mixing, g_colours.sum(dim=0)]
 
@@ -287,13 +287,6 @@ def _with_harmonics(x: Tensor, ray: Tensor, target: Target, where: Lattice, tabl
     encode_into(out[:, :features], x, where, table)
     harmonics_into(out[:, features:], target.along, ray)
     return out
-
-
-def _outputs(x: Tensor, weights: Sequence[Tensor]) -> tuple[Tensor, list[Tensor]]:
-    """Return the outputs of a network with a graph, and its weights as leaves of that."""
-    leaves = [weight.detach().requires_grad_() for weight in weights]
-    with torch.enable_grad():
-        return network(x, leaves, rough=True), leaves
 
 
 def _arrays(*tensors: Tensor) -> list[np.ndarray]:

@@ -217,16 +217,22 @@ class Network(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Context, upstream: Tensor) -> tuple[Tensor | None, ...]:
         x, *weights = ctx.saved_tensors
-        matrices = [w.detach().numpy() for w in weights]
-        widths, wide = _widths(matrices)
-        ahead, back = _squares((m.T for m in matrices), wide), _squares(matrices, wide)
-        of_x = torch.empty(len(x) if ctx.needs_input_grad[0] else 0, x.shape[1])
-        sums, of_weights = np.empty((SUMS, *ahead.shape), np.float32), torch.empty(ahead.shape)
-        backward(
-            x.numpy(), ahead, back, widths, wide, upstream.contiguous().numpy(), of_x.numpy(), sums, of_weights.numpy()
-        )
-        each = (g[: w.shape[0], : w.shape[1]].contiguous() for g, w in zip(of_weights, weights, strict=True))
+        of_x, *each = gradients_of(x, weights, upstream, ctx.needs_input_grad[0])
         return (of_x if ctx.needs_input_grad[0] else None, *each)
+
+
+def gradients_of(x: Tensor, weights: Sequence[Tensor], upstream: Tensor, of_inputs: bool) -> list[Tensor]:
+    """Return the gradients of a network's inputs (S, I), without rows unless ``of_inputs``, and of its weights."""
+    matrices = [w.detach().numpy() for w in weights]
+    widths, wide = _widths(matrices)
+    ahead, back = _squares((m.T for m in matrices), wide), _squares(matrices, wide)
+    of_x = torch.empty(len(x) if of_inputs else 0, x.shape[1])
+    sums, of_weights = np.empty((SUMS, *ahead.shape), np.float32), torch.empty(ahead.shape)
+    backward(
+        x.numpy(), ahead, back, widths, wide, upstream.contiguous().numpy(), of_x.numpy(), sums, of_weights.numpy()
+    )
+    each = (g[: w.shape[0], : w.shape[1]].contiguous() for g, w in zip(of_weights, weights, strict=True))
+    return [of_x, *each]
 
 
 def _widths(weights: Sequence[NDArray[np.float32]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

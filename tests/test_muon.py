@@ -33,7 +33,9 @@ def test_singular_vectors_stay_and_singular_values_become_about_1(rows: int, col
 
 def test_what_has_no_gradient_stays() -> None:
     assert not orthogonalized(torch.zeros(5, 3)).any()
-    assert not torch.isfinite(orthogonalized(torch.full((3, 3), torch.nan))).any()  # a training that diverges is noticed
+    assert not torch.isfinite(
+        orthogonalized(torch.full((3, 3), torch.nan))
+    ).any()  # a training that diverges is noticed
 
 
 @pytest.mark.parametrize("kind", [NetworkAdam, FusedAdam])

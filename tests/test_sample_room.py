@@ -135,13 +135,13 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> tuple[Reconstruction, Recolouring
     monkeypatch.setattr(dispatch, "kernels_of", lambda kind: triton_kernels)
     field = FieldSettings(resolutions=(2, 4), features=2, width=16)
     box = Box.of_bounds((-0.35,) * 3, (0.35,) * 3)
-    how = ReconstructSettings(rays=16, samples=128)
+    how = ReconstructSettings(rays=16, samples=128, doublings=0)
     first = Reconstruction(views(), Beginning(Occupancy.full(box, 4)), field, how, 3, DEVICE)
     base = Reconstruction(views(), Beginning(Occupancy.full(box, 4)), field, how, 3, DEVICE).finish()
     colours = torch.tensor([[0.9, 0.1, 0.1], [0.1, 0.9, 0.1]])
     palette = PaletteField(field, base[1], base[0].geometry_width, colours).to(DEVICE)
     pool = RayPool(views(), box, 0, DEVICE)
-    settings = RecolourSettings(rays=16, samples=128)
+    settings = RecolourSettings(rays=16, samples=128, doublings=0)
     return first, Recolouring(base[0].to(DEVICE), palette, base[1], Marching(1 / 8), pool, settings, LeftAndRight())
 
 

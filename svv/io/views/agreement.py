@@ -188,7 +188,11 @@ def _surrounded(images: NDArray[np.uint8]) -> str | None:
 
 
 def _check(
-    cameras: Sequence[Camera], outlines: Outlines, names: Sequence[str], which: str, also: Sequence[Mistake],
+    cameras: Sequence[Camera],
+    outlines: Outlines,
+    names: Sequence[str],
+    which: str,
+    also: Sequence[Mistake],
     drawn: bool,
 ) -> tuple[str | None, str | None]:
     if not outlines.levels:

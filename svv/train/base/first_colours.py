@@ -38,11 +38,12 @@ def start_colours(
     shading: Shading | None,
     seed: int = 0,
     most: int = STEPS,
-) -> None:
+) -> bool:
     """Start the features of a field on the CPU from its volume, and let its network learn how views are shaded.
 
     Without that, a short schedule goes mostly into the few thousand weights of the network. Nothing is done for fields
     whose density is a network, whose lattice has one level or fewer than three features, or whose views are not shaded.
+    Returns whether that was done.
 
     Args:
         field: Field whose density has its initial values.
@@ -54,14 +55,15 @@ def start_colours(
     """
     encoding, density = field.encoding, field.density
     if shading is None or not shading.seen:  # nothing to learn about light; normals would only be noise
-        return
+        return False
     if not isinstance(encoding, SparseLattice) or density is None or encoding.levels < 2 or encoding.features < 3:
-        return
+        return False
     normals, colours = (encoding.rows_of_level(encoding.levels - k) for k in (1, 2))
     with torch.no_grad():
         encoding.table[normals, :3] = SCALE * _normals(encoding, density, occupancy, volume)
         encoding.table[colours, :3] = SCALE * (2.0 * _colours(encoding, occupancy, volume) - 1.0)
     _learn_to_shade(field, occupancy, shading, seed, min(STEPS, most))
+    return True
 
 
 def _normals(encoding: SparseLattice, density: SparseLattice, occupancy: Occupancy, volume: ClassifiedVolume) -> Tensor:
@@ -93,7 +95,8 @@ def _learn_to_shade(field: BaseField, occupancy: Occupancy, shading: Shading, se
     encoding, generator = field.encoding, np.random.default_rng(seed)
     assert isinstance(encoding, SparseLattice)
     cells, end = np.argwhere(occupancy.occupied), np.asarray(occupancy.box.extent, np.float32)
-    networks, rays = network_adam(groups_of([field.colour_mlp], RATE, muon=True)), torch.arange(POINTS, dtype=torch.int32)
+    networks = network_adam(groups_of([field.colour_mlp], RATE, muon=True))
+    rays = torch.arange(POINTS, dtype=torch.int32)
     last, before = (slice(first, first + 3) for first in encoding.width - encoding.features * np.array([1, 2]))
     for step in range(steps):
         cell = cells[generator.integers(0, len(cells), POINTS)]

@@ -99,9 +99,12 @@ class Reconstruction:
             with torch.no_grad():
                 self.field.density.table.copy_(known.table)
         self.field.encoding.randomize(0.01, torch.Generator().manual_seed(seed))
+        self.iterations = settings.iterations
+        """Number of steps."""
         volume = known_volume(views, settings, field)
         if known is not None and volume is not None and beginning.values is None:
-            start_colours(self.field, occupancy, volume, views.meta.shading, seed, settings.iterations)
+            if start_colours(self.field, occupancy, volume, views.meta.shading, seed, settings.iterations):
+                self.iterations = max(1, round(settings.known_part * settings.iterations))
         self.field.to(device)
         density = self.field.density
         if density is not None and known is None:
@@ -302,9 +305,7 @@ def reconstruct(
     """
     begin = time.monotonic()
     work, checkpoint = kind(views, beginning, field, settings, running.seed, device), running.saved
-    loop = Loop(
-        settings.iterations, running.limit, running.progress, "base NeRF", network=work.field, notes=running.notes
-    )
+    loop = Loop(work.iterations, running.limit, running.progress, "base NeRF", network=work.field, notes=running.notes)
     if checkpoint is not None:
         work.go_on_from(checkpoint.extra("base"))
         state = checkpoint.stage("base", work.field, work.networks, work.tables)

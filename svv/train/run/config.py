@@ -46,8 +46,14 @@ class FitSettings:
 class ReconstructSettings(FitSettings):
     """Stage 1, the base radiance field."""
 
-    iterations: int = 1500
+    iterations: int = 1200
     """Number of optimiser steps."""
+    known_part: float = 0.8
+    """Part of these steps that is taken if colours start from the volume, for then there is less to learn."""
+    rays: int = 6144
+    """Maximum rays per step; as few as a quarter are drawn, to stay within ``samples``."""
+    samples: int = 49152
+    """Target number of visible samples per step: opaque scenes have few along a ray, translucent ones many."""
     pixels_a_cell: float = 2.5
     """Minimum number of pixels that the finest cell of the features covers, if the lattice is fitted to the views: in a
     short training, too few rays see finer cells to train them."""
@@ -82,6 +88,8 @@ class RecolourSettings(FitSettings):
 
     iterations: int = 600
     """Number of optimiser steps."""
+    doublings: int = 3
+    """Number of times that rays and samples double until ``hold``; those above are the numbers in the end."""
     joined: float = 1.0 / 64.0
     """Weight in a pixel up to which samples are merged; 0 omits negligible samples instead."""
     palette_rate: float = 0.0005
@@ -168,7 +176,7 @@ class Preset:
 
 PAPER_STAGES = (
     ReconstructSettings(iterations=30000, use_volume=False, tomography=False, feature_rate=0.01, network_rate=0.01,
-                        decay=0.1, by_contrast=0.0, doublings=0, muon=False),
+                        decay=0.1, by_contrast=0.0, rays=4096, samples=32768, doublings=0, muon=False),
     RecolourSettings(2500, feature_rate=0.01, network_rate=0.01, decay=0.05, by_contrast=0.0, offset_start=1.0,
                      shade_weight=0.0, mixing_weight=0.0, joined=0.0, doublings=0, muon=False),
 )  # fmt: skip
@@ -178,22 +186,27 @@ PRESETS = {
     "draft": Preset(
         "draft",
         FieldSettings(width=32),
-        ReconstructSettings(iterations=500),
-        RecolourSettings(iterations=250),
+        ReconstructSettings(iterations=300),
+        RecolourSettings(iterations=220),
         StylizeSettings(style_views=12),
     ),
     "fast": Preset(
         "fast",
         FieldSettings(),
-        ReconstructSettings(iterations=700, network_rate=0.01),
-        RecolourSettings(iterations=300),
+        ReconstructSettings(iterations=400, network_rate=0.01),
+        RecolourSettings(iterations=280),
     ),
     "balanced": Preset("balanced", FieldSettings(), ReconstructSettings(), RecolourSettings()),
     "best": Preset(
         "best",
         FieldSettings(),
         ReconstructSettings(
-            iterations=6000, pixels_a_cell=0.7, most_cells=512, most_vertices=8_000_000, refine_known=True
+            iterations=6000,
+            known_part=1.0,
+            pixels_a_cell=0.7,
+            most_cells=512,
+            most_vertices=8_000_000,
+            refine_known=True,
         ),
         RecolourSettings(iterations=2400, joined=1.0 / 128.0),
         all_samples=True,

@@ -49,13 +49,13 @@ def orthogonalized(matrix: Tensor) -> Tensor:
     """
     wide = matrix if matrix.shape[0] <= matrix.shape[1] else matrix.T
     # NumPy's products of small matrices take a tenth of torch's, which divides each among threads.
-    x = wide if matrix.is_cuda else wide.numpy()
+    x: Any = wide if matrix.is_cuda else wide.numpy()
     x = x / ((x * x).sum() ** 0.5 + 1e-20)
     a, b, c = QUINTIC
     for _ in range(TURNS):
         square = x @ x.T
         x = a * x + (b * square + c * (square @ square)) @ x
-    found = x if matrix.is_cuda else torch.from_numpy(x)
+    found: Tensor = x if matrix.is_cuda else torch.from_numpy(x)
     return found if wide is matrix else found.T
 
 

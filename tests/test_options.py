@@ -153,8 +153,6 @@ ALIKE = {
     "field.headlight": "the views: how their light stands",
     "field.facing": "the encoding values",
     "field.finer": "the paint, which may need finer levels",
-    "reconstruct.rays": "machines with little memory",
-    "reconstruct.samples": "machines with little memory; the stability cases",
     "reconstruct.hold": "HOMES, which gives an encoding its own rates",
     "reconstruct.density_rate": "scenes of a few voxels",
     "reconstruct.known_density_rate": "the encoding values",

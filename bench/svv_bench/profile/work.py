@@ -95,13 +95,17 @@ def watched(kernels: Kernels) -> list[Watched]:
 
 def _watched_steps(steps: TrainingKernels) -> list[Watched]:
     """Return the functions of which the CPU's whole steps are made."""
+    from svv.kernels.numba import networks
+
     return [
         Watched(steps, "representatives", "choose samples", lambda a: _choose(len(a[0]))),
         Watched(Owners, "of", "regions of samples", lambda a: Work(len(a[1]), 20 * len(a[1]), 0, len(a[1]))),
         Watched(steps, "encode_into", "encode", lambda a: _encode(a[1], a[2], a[3].shape[1], 1)),
         Watched(steps, "lattice_encode", "encode", lambda a: _encode(a[0], a[1], a[2].shape[1], 1)),
         Watched(steps, "lattice_backward", "encode, backward", lambda a: _encode(a[0], a[2], a[3].shape[1], 2)),
-        Watched(steps, "_outputs", "networks", lambda a: _network(len(a[0]), a[1])),
+        Watched(steps, "network_and_back", "networks", lambda a: _network(len(a[0]), a[1])),
+        Watched(networks, "gradients_of", "networks, backward",
+                lambda a: sum((_network(len(a[0]), a[1]) for _ in range(2)), Work())),
         Watched(steps, "learn_base", "composite, backward", lambda a: _composite(len(a[0]), len(a[4]), 3, 2)),
         Watched(steps, "learn_palette", "composite, backward", lambda a: _composite(len(a[0]), len(a[5]), 6, 2)),
     ]

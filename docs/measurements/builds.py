@@ -16,12 +16,13 @@ from pathlib import Path
 from statistics import median
 
 SCORES = "psnr", "ssim", "flip"
+CACHES = Path(tempfile.gettempdir(), "svv-builds")
 
 
 def run(checkout: Path, *words: str) -> tuple[float, float, float]:
     """Run a command of a checkout; return its seconds, CPU seconds and peak in MB."""
     begun = time.perf_counter()
-    own = {"PYTHONPATH": str(checkout), "SVV_CACHE": str(checkout / ".builds-cache"), "OMP_WAIT_POLICY": "PASSIVE"}
+    own = {"PYTHONPATH": str(checkout), "SVV_CACHE": str(CACHES / checkout.name), "OMP_WAIT_POLICY": "PASSIVE"}
     process = subprocess.Popen([sys.executable, "-m", "svv", *words], env=os.environ | own, stdout=subprocess.DEVNULL)
     _, status, used = os.wait4(process.pid, 0)
     if status:
@@ -82,9 +83,8 @@ def main() -> None:
         for views in given.views:
             own = found.setdefault(views.name, {})[preset] = compared(builds, views, preset, given.runs)
             for name, values in own.items():
-                print(
-                    views.name, preset, name, {key: float(f"{value:.4g}") for key, value in values.items()}, flush=True
-                )
+                short = {key: float(f"{value:.4g}") for key, value in values.items()}
+                print(views.name, preset, name, short, flush=True)
     if given.chart:
         chart(found, given.chart)
 

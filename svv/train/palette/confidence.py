@@ -105,13 +105,14 @@ def light_in_front(seen: Seen, own: Tensor, count: int) -> Array:
     """Return the mean light that others have in front of a region's points, for regions (S,) of samples. (P,)"""
     weight = seen.weight.double()
 
-    def before(group: Tensor) -> Tensor:
-        order = group.argsort(stable=True)  # within a group, front to back
-        total, sorted_group = weight[order].cumsum(0) - weight[order], group[order]
-        found = torch.empty_like(total)
-        found[order] = total - total[torch.searchsorted(sorted_group, sorted_group)]
-        return found
+    def before(weight: Tensor, group: Tensor) -> Tensor:
+        """Return the weight that comes before each sample in its group, if these are in ascending order."""
+        total = weight.cumsum(0).sub_(weight)
+        return total.sub_(total[torch.searchsorted(group, group, out_int32=True)])
 
-    others = before(seen.ray) - before(seen.ray * count + own)
+    others, group = before(weight, seen.ray), seen.ray * count + own.to(seen.ray.dtype)
+    order = group.argsort(stable=True)  # within a group, front to back
+    mine, group = before(weight[order], group[order]), group[:0]
+    others[order] -= mine
     light = summed(own, weight * others, count) / summed(own, weight, count).clamp(min=1e-12)
     return np.asarray(light.cpu().numpy(), np.float64)

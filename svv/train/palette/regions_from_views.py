@@ -265,7 +265,7 @@ class _Points:
         union of both, by light. Only regions of one hue, which brightness tells apart, count as told right.
         """
         unit, own, count = _unit(looks), self._own(region), len(looks)
-        hue = _likeness(self.colour, looks).argmax(dim=0)
+        hue = _likeness(self.colour, looks).argmax(dim=0).int()
         both = summed(own * count + hue, self.weight, count**2).view(count, count).cpu().numpy()
         alike = np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < SAME_HUE
         return _Agreed(agreement(both, alike), alike, both, hue)
@@ -354,8 +354,8 @@ class _Points:
         return torch.stack([summed(self.vertex, weight * value, len(self._places)) for value in values], dim=1)
 
     def _own(self, region: NDArray[np.int64]) -> Tensor:
-        """Return the regions of samples, given those of vertices. (V,) -> (S,)"""
-        return moved(region, self._device)[self.vertex]
+        """Return the regions of samples, given those of vertices, int32. (V,) -> (S,)"""
+        return moved(region, self._device).int()[self.vertex]
 
     def _blurred(self, values: Tensor) -> Tensor:
         """Sum values of vertices (V, C) over their neighbours, float64. (V, C)"""

@@ -56,7 +56,9 @@ def demo(
     from svv.job.demo import run_demo
     from svv.job.run import check
     from svv.job.steps import JobSettings
+    from svv.measure import keep_little
 
+    keep_little()
     settings = JobSettings(drawing, training, path, recolour=True)
     check(settings)
     compile_beside()

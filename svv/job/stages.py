@@ -15,7 +15,7 @@ from svv.core.json_values import parsed
 from svv.errors import Progress, silent
 from svv.io.files.atomic import make_folder, write_json
 from svv.io.files.keyed_results import key_of
-from svv.measure import give_memory_back, measured
+from svv.measure import give_memory_back, let_go_of_libraries, measured
 
 READ_WHOLE = 1 << 30
 """Maximum bytes of an input file that is read to identify it."""
@@ -82,6 +82,7 @@ class Stages:
                 self.folder.rmdir()
             raise
         give_memory_back()  # memory freed by one stage must not count towards the next one's peak
+        let_go_of_libraries()
         self._redone.add(name)
         for stage in (name, *same):
             self._drop(stage, files)

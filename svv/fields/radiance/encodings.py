@@ -188,11 +188,12 @@ class SparseLattice(Encoding):
         """
         if self.table.shape[1] * self.levels != 1 or self.resolutions[0] < cells or self.table.is_cuda:
             return None
-        out, where = torch.empty(len(corner)), self.layout
-        largest_in_cells(
-            corner.contiguous().numpy(), self.resolutions[0] // cells, where.shapes[0].numpy(), where.index.numpy(),
-            self.table.detach().numpy(), out.numpy(),
-        )  # fmt: skip
+        out, where, shape = torch.empty(len(corner)), self.layout, self.shapes[0].numpy()
+        for some, largest in zip(corner.split(VERTICES_AT_A_TIME), out.split(VERTICES_AT_A_TIME), strict=True):
+            largest_in_cells(
+                some.contiguous().numpy(), self.resolutions[0] // cells, shape, where.index.numpy(),
+                self.table.detach().numpy(), largest.numpy(),
+            )  # fmt: skip
         return out
 
     def packed(self) -> dict[str, NDArray[np.generic]]:

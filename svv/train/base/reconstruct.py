@@ -305,6 +305,7 @@ def reconstruct(
     """
     begin = time.monotonic()
     work, checkpoint = kind(views, beginning, field, settings, running.seed, device), running.saved
+    trim_memory()  # what the first colours have freed
     loop = Loop(work.iterations, running.limit, running.progress, "base NeRF", network=work.field, notes=running.notes)
     if checkpoint is not None:
         work.go_on_from(checkpoint.extra("base"))

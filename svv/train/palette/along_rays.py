@@ -57,9 +57,9 @@ class Seen:
     vertices: int
     """Number of vertices V."""
     vertex: Tensor
-    """Vertex that each sample stands for, int64. (S,)"""
+    """Vertex that each sample stands for, int32. (S,)"""
     ray: Tensor
-    """Ray of each sample, in ascending order, int64. (S,)"""
+    """Ray of each sample, in ascending order, int32. (S,)"""
     weight: Tensor
     """Weight of each sample in its pixel. (S,)"""
     cosine: Tensor
@@ -75,7 +75,7 @@ class Seen:
     @cached_property
     def samples(self) -> RaySamples:
         """The same for the kernels."""
-        rays = torch.arange(len(self.pixel) + 1, device=self.pixel.device)
+        rays = torch.arange(len(self.pixel) + 1, dtype=self.ray.dtype, device=self.pixel.device)
         first = torch.searchsorted(self.ray, rays, out_int32=True)
         along = self.pixel / self.pixel.square().sum(dim=1, keepdim=True).sqrt().clamp(min=1e-6)
         return RaySamples(first, self.vertex.int(), self.weight, self.cosine, self.pixel, along)
@@ -88,7 +88,7 @@ class Seen:
 
     def _part(self, kept: Tensor) -> Seen:
         """Return what some of the rays (R,) see."""
-        mine, number = kept[self.ray].nonzero()[:, 0], kept.cumsum(0) - 1
+        mine, number = kept[self.ray].nonzero()[:, 0], kept.cumsum(0, dtype=self.ray.dtype) - 1
         return Seen(
             self.vertices, self.vertex[mine], number[self.ray[mine]], self.weight[mine], self.cosine[mine],
             self.pixel[kept],
@@ -238,7 +238,7 @@ class Solver:
         # It sorts by vertices, and by rays among those of a vertex.
         order, device = seen.vertex.argsort(stable=True), places.device
         first = torch.searchsorted(
-            seen.vertex[order], torch.arange(seen.vertices + 1, device=device), out_int32=True
+            seen.vertex[order], torch.arange(seen.vertices + 1, dtype=seen.vertex.dtype, device=device), out_int32=True
         )  # fmt: skip
         weight, neighbours = seen.weight[order], _neighbours(places)
         light = summed(seen.vertex, seen.weight, seen.vertices)
@@ -296,7 +296,7 @@ def joined(ray: Tensor, vertex: Tensor, weight: Tensor, colour: Tensor) -> tuple
         torch.zeros(len(first), device=ray.device).index_add_(0, run, values)
         for values in (weight, *(weight[:, None] * colour).unbind(1))
     )
-    return ray[first].long(), vertex[first], total, torch.stack(light, dim=1) / total[:, None]
+    return ray[first].int(), vertex[first].int(), total, torch.stack(light, dim=1) / total[:, None]
 
 
 def agreement(light: Array, alike: NDArray[np.bool_]) -> Array:

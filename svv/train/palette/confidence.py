@@ -103,15 +103,16 @@ def errors_where_alone(seen: Seen, region: Tensor, count: int) -> Array:
 
 def light_in_front(seen: Seen, own: Tensor, count: int) -> Array:
     """Return the mean light that others have in front of a region's points, for regions (S,) of samples. (P,)"""
-    weight = seen.weight.double()
 
-    def before(group: Tensor) -> Tensor:
-        order = group.argsort(stable=True)  # within a group, front to back
-        total, sorted_group = weight[order].cumsum(0) - weight[order], group[order]
-        found = torch.empty_like(total)
-        found[order] = total - total[torch.searchsorted(sorted_group, sorted_group)]
-        return found
+    def before(weight: Tensor, group: Tensor) -> Tensor:
+        """Return the weight that comes before each sample in its group, if these are in ascending order."""
+        total = weight.cumsum(0, dtype=torch.float64).sub_(weight)
+        return total.sub_(total[torch.searchsorted(group, group, out_int32=True)])
 
-    others = before(seen.ray) - before(seen.ray * count + own)
+    weight, others = seen.weight, before(seen.weight, seen.ray)
+    group = seen.ray * count + own.to(seen.ray.dtype)
+    order = group.argsort(stable=True)  # within a group, front to back
+    group = group[order]
+    others[order] -= before(weight[order], group)
     light = summed(own, weight * others, count) / summed(own, weight, count).clamp(min=1e-12)
     return np.asarray(light.cpu().numpy(), np.float64)

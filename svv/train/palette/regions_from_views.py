@@ -142,26 +142,34 @@ class _Points:
         self._at, self._shape = moved(self._places, self._device), field.shape
         empty = self.labels(np.zeros(len(self._places), np.int64))
         normals = kernels_for(self._at).REGIONS.normals(moved(field, self._device), self._at, (NORMAL_BLUR,) * 2)
+        del field  # a grid may have 64 MB
         pool = RayPool(views, occupancy.box, seed, self._device, settings.headlight)
-        parts: list[list[Tensor]] = []
+        parts: list[tuple[Tensor, ...]] = []
         for number in range(RAYS // AT_A_TIME):
             if parts and time.monotonic() >= until:
                 break
-            batch = pool.batch(number, AT_A_TIME)
-            samples = march(batch.rays, occupancy, scene.base.density, scene.marching)
-            sigma, geometry = scene.base.geometry(samples)
-            colour = scene.base(geometry, encode_directions(batch.rays.lit_along, samples.ray))
-            shown, transmittance, weight = composite(samples, sigma, colour)
-            missing = (batch.premultiplied - shown) / (1.0 - transmittance).clamp(min=LEAST_ALPHA)[:, None]
-            ray, vertex, part, mean = joined(samples.ray, empty.rows_of(samples.position), weight, colour)
-            cosine = (normals[vertex] * batch.rays.lit_along[ray]).sum(dim=1).abs()
-            parts.append([vertex, ray + number * AT_A_TIME, part, cosine, mean + missing[ray], batch.premultiplied,
-                          batch.alpha])  # fmt: skip
+            parts.append(self._followed(scene, pool, number, empty, normals))
+        columns = list(zip(*parts, strict=True))[::-1]
+        del parts, normals
         self.vertex, self.ray, self.weight, self.cosine, self.colour, self.pixel, self.alpha = (
-            torch.cat(column) for column in zip(*parts, strict=True)
+            torch.cat(columns.pop()) for _ in range(len(columns))
         )
         self._until = until
         self._seen = Seen(len(self._places), self.vertex, self.ray, self.weight, self.cosine, self.pixel)
+
+    @staticmethod
+    def _followed(scene: Scene, pool: RayPool, number: int, empty: Labels, normals: Tensor) -> tuple[Tensor, ...]:
+        """Return what :data:`AT_A_TIME` rays show, in the order of the attributes."""
+        batch = pool.batch(number, AT_A_TIME)
+        samples = march(batch.rays, scene.occupancy, scene.base.density, scene.marching)
+        sigma, geometry = scene.base.geometry(samples)
+        colour = scene.base(geometry, encode_directions(batch.rays.lit_along, samples.ray))
+        shown, transmittance, weight = composite(samples, sigma, colour)
+        missing = (batch.premultiplied - shown) / (1.0 - transmittance).clamp(min=LEAST_ALPHA)[:, None]
+        ray, vertex, part, mean = joined(samples.ray, empty.rows_of(samples.position), weight, colour)
+        cosine = (normals[vertex] * batch.rays.lit_along[ray]).sum(dim=1).abs()
+        light = mean + missing[ray]
+        return vertex, ray + number * AT_A_TIME, part, cosine, light, batch.premultiplied, batch.alpha
 
     def labels(self, region: NDArray[np.integer]) -> Labels:
         """Return the regions of the vertices (V,) as those of points."""
@@ -257,7 +265,7 @@ class _Points:
         union of both, by light. Only regions of one hue, which brightness tells apart, count as told right.
         """
         unit, own, count = _unit(looks), self._own(region), len(looks)
-        hue = _likeness(self.colour, looks).argmax(dim=0)
+        hue = _likeness(self.colour, looks).argmax(dim=0).int()
         both = summed(own * count + hue, self.weight, count**2).view(count, count).cpu().numpy()
         alike = np.arccos(np.clip(unit @ unit.T, -1.0, 1.0)) < SAME_HUE
         return _Agreed(agreement(both, alike), alike, both, hue)
@@ -277,6 +285,10 @@ class _Points:
             place = self._places[int(light.argmax())] / self._cells
             asked.append(Question(number, other, tuple(self._box.to_world(place).tolist())))
         return asked
+
+    def forget_parts(self) -> None:
+        """Free the copies of what some of the rays see, once nothing is unmixed any more."""
+        self._seen = replace(self._seen)
 
     def without_the_faint(self, region: NDArray[np.int64], hues: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Give the points of regions that are hardly visible to the others; returns regions and the numbers kept."""
@@ -342,8 +354,8 @@ class _Points:
         return torch.stack([summed(self.vertex, weight * value, len(self._places)) for value in values], dim=1)
 
     def _own(self, region: NDArray[np.int64]) -> Tensor:
-        """Return the regions of samples, given those of vertices. (V,) -> (S,)"""
-        return moved(region, self._device)[self.vertex]
+        """Return the regions of samples, given those of vertices, int32. (V,) -> (S,)"""
+        return moved(region, self._device).int()[self.vertex]
 
     def _blurred(self, values: Tensor) -> Tensor:
         """Sum values of vertices (V, C) over their neighbours, float64. (V, C)"""
@@ -398,6 +410,7 @@ def regions_in(scene: Scene, views: ViewSet, palette: Palette, seed: int, second
     if divided:
         region, again = points.unmixed(region, len(hues))
         gained += [*divided, *again]
+    points.forget_parts()
     region, kept = points.without_the_faint(region, hues)
     colours, share = points.colours(region, hues[kept]), points.shares(region, len(kept))
     (sure, asked), order = points.confidence(region, colours), np.argsort(-share, kind="stable")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from svv.io.views.viewset import ViewSet
-from svv.measure import usable_cpus
+from svv.measure import trim_memory, usable_cpus
 
 MARGIN = 9
 """Side in pixels of the square by which the visible part of an image is dilated: its outline must be learned, too."""
@@ -55,6 +55,8 @@ class Pixels:
             self.index: NDArray[np.integer] = np.empty(counts.sum(), kind)
             """Flat indices among all views, by steps of contrast. (N,)"""
             list(pool.map(list_image, range(len(views))))
+            found.clear()
+        trim_memory()
         self.counts = counts.sum(axis=0)
         """Number of pixels of each step of contrast, int64. (STEPS,)"""
 

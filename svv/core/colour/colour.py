@@ -6,7 +6,7 @@ brightness, all in [0, 1]; hue is a circle on which 0 and 1 are the same red.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -23,6 +23,9 @@ LUMA = (0.2126, 0.7152, 0.0722)
 
 GREY_SATURATION = 0.02
 """Saturation below which a hue is noise, because eight bits cannot resolve it."""
+
+AT_A_TIME = 1 << 14
+"""Number of colours that are converted to or from CIELAB together."""
 
 Hue = TypeVar("Hue", float, NDArray[np.float64], "Tensor")
 
@@ -157,7 +160,7 @@ def rgb_to_lab(rgb: NDArray[np.floating]) -> NDArray[Any]:
     """
     from skimage.color import rgb2lab
 
-    return np.asarray(rgb2lab(rgb))
+    return _by_parts(rgb2lab, rgb)
 
 
 def lab_to_rgb(lab: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -170,6 +173,19 @@ def lab_to_rgb(lab: NDArray[np.floating]) -> NDArray[np.float32]:
     """
     from skimage.color import lab2rgb
 
-    light = lab[..., 0].clip(0.0, 100.0)
-    most = 200.0 * light / 116.0  # where Z is 0
-    return np.asarray(lab2rgb(np.stack([light, lab[..., 1], np.minimum(lab[..., 2], most)], -1)), np.float32).clip(0, 1)
+    def converted(lab: NDArray[np.floating]) -> NDArray[np.float32]:
+        light = lab[..., 0].clip(0.0, 100.0)
+        most = 200.0 * light / 116.0  # where Z is 0
+        inside = np.stack([light, lab[..., 1], np.minimum(lab[..., 2], most)], -1)
+        return np.asarray(lab2rgb(inside), np.float32).clip(0, 1)
+
+    return _by_parts(converted, lab)
+
+
+def _by_parts(convert: Callable[[NDArray[np.floating]], NDArray[Any]], colours: NDArray[np.floating]) -> NDArray[Any]:
+    """Convert colours (..., 3) some at a time: a dozen arrays of millions of them would leave the processor's cache."""
+    if colours.size <= 3 * AT_A_TIME:
+        return np.asarray(convert(colours))
+    flat = colours.reshape(-1, 3)
+    parts = [convert(flat[first : first + AT_A_TIME]) for first in range(0, len(flat), AT_A_TIME)]
+    return np.concatenate(parts).reshape(colours.shape)

@@ -12,7 +12,6 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 from torch import Tensor
 
 from svv.errors import Progress, silent
@@ -21,6 +20,7 @@ from svv.fields.radiance.networks import UnrestrictedField
 from svv.fields.scene.scene import Scene
 from svv.kernels.dispatch import kernels_of
 from svv.train.base.resolutions import paint_pixel
+from svv.train.paint.grid_kernels import interpolate
 from svv.train.paint.painting import owners_at
 from svv.train.paint.pieces import PieceStyle
 from svv.train.paint.styled_views import StyledView, visible_from
@@ -168,8 +168,9 @@ def surroundings(place: NDArray[np.float32], colours: NDArray[np.float32], reach
     block = np.ravel_multi_index(tuple(np.rint(at - low).astype(np.int64).T), shape)
     sums = [np.bincount(block, w, minlength=int(np.prod(shape))).reshape(shape) for w in (None, *colours.T)]
     # Sums are interpolated between blocks and divided afterwards, so empty blocks do not count.
-    count, *totals = (map_coordinates(s.astype(np.float32), (at - low).T, order=1) for s in sums)
-    return (np.stack(totals, 1) / np.maximum(count, 1e-6)[:, None]).astype(np.float32)
+    found = np.empty((len(place), len(sums)), np.float32)
+    interpolate(np.stack(sums).astype(np.float32), at - low, found)
+    return (found[:, 1:] / np.maximum(found[:, :1], 1e-6)).astype(np.float32)
 
 
 def _seen(colours: Tensor, view: StyledView, region: int) -> tuple[Tensor, Tensor]:

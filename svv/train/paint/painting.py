@@ -13,7 +13,6 @@ from functools import cache, partial
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
 from torch import Tensor
 
 from svv.core.colour import palette_shading
@@ -186,7 +185,8 @@ def painted_start(
             laid = Drawing(inks[k], shown, form, points, pixel, cell, seed + k, part(told, 0.0, 0.6))
         else:
             laid = _quilt(targets[k], form, points, pixel, seed + k, part(told, 0.0, 0.6))
-        own = np.flatnonzero((region == k) & _near_what_is_seen(views, k, occupancy, place))
+        own = np.flatnonzero(region == k)
+        own = own[_near_what_is_seen(views, k, occupancy, place[own])]
         _fill(colours, own, place, laid, part(told, 0.6, 1.0))
         lattice.table.copy_(torch.from_numpy(colours))
         show(paint)
@@ -365,7 +365,11 @@ def _near_what_is_seen(
     for view in views:
         own = view.region == region
         seen[tuple(np.minimum((view.position[own].cpu().numpy() * occupancy.cells).astype(np.int64), top).T)] = True
-    seen = binary_dilation(seen, np.ones((3, 3, 3), bool))
+    for axis in range(3):
+        before = np.moveaxis(seen.copy(), axis, 0)
+        after = np.moveaxis(seen, axis, 0)
+        after[1:] |= before[:-1]
+        after[:-1] |= before[1:]
     return seen[tuple(np.minimum((place * occupancy.cells).astype(np.int64), top).T)]
 
 

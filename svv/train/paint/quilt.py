@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 from svv.errors import Progress
-from svv.train.paint.quilt_kernels import misfits, paint, places
+from svv.train.paint.quilt_kernels import REACH, misfits, nearest, paint, places
 from svv.train.paint.surface_form import Floats, Form, tangents
 
 RADIUS = 30.0
@@ -202,9 +202,9 @@ class Quilt:
         out = np.empty((len(position), 3), np.float32)
         for first in range(0, len(position), 1 << 18):
             part = np.ascontiguousarray(position[first : first + (1 << 18)], np.float32)
-            normal = self.form.frames(part)[0]
-            _, near = self._tree.query(part, min(NEIGHBOURS, len(self.middle)), workers=-1)
-            near = np.reshape(near, (len(part), -1)).astype(np.int64)
+            normal = self.form.normals(part)
+            near = np.empty((len(part), min(NEIGHBOURS, len(self.middle))), np.int64)
+            nearest(part, self.middle, REACH * self.radius, near)
             colours = np.empty((len(part), 3), np.float32)
             colours[:] = self.manner.mean
             self._paint(part, normal, near, colours, np.empty(len(part), np.float32))

@@ -8,6 +8,59 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+ABOVE = 1.2
+"""How far above and below its plane a piece extends, in radii."""
+
+REACH = 1.001 * float(np.hypot(1.0, ABOVE))
+"""Distance from its middle up to which a piece may extend, in radii."""
+
+SLACK = 1e-4
+"""Score that rounding errors may add."""
+
+TOGETHER = 32
+"""Number of successive points that look for their nearest pieces among the same ones: they are neighbours."""
+
+
+@njit(parallel=True, cache=True)
+def nearest(position, middle, reach, near):  # type: ignore[no-untyped-def]
+    """Find the nearest of pieces with middles (K, 3) within ``reach`` of points (P, 3), nearest first.
+
+    Writes ``near`` (P, M), -1 where fewer are as near. Points that follow one another should be near one another.
+    """
+    count, most = len(position), near.shape[1]
+    for block in prange((count + TOGETHER - 1) // TOGETHER):
+        first, last = block * TOGETHER, min((block + 1) * TOGETHER, count)
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        for i in range(first, last):
+            for f in range(3):
+                low[f], high[f] = min(low[f], position[i, f]), max(high[f], position[i, f])
+        candidates, there = np.empty(len(middle), np.int64), 0
+        for k in range(len(middle)):
+            away = 0.0
+            for f in range(3):
+                away += max(low[f] - middle[k, f], middle[k, f] - high[f], 0.0) ** 2
+            if away <= reach * reach:
+                candidates[there] = k
+                there += 1
+        square = np.empty(most)
+        for i in range(first, last):
+            found, limit = 0, reach * reach
+            near[i] = -1
+            x, y, z = float(position[i, 0]), float(position[i, 1]), float(position[i, 2])
+            for c in range(there):
+                k = candidates[c]
+                away = (x - middle[k, 0]) ** 2 + (y - middle[k, 1]) ** 2 + (z - middle[k, 2]) ** 2
+                if away > limit or (found == most and away == limit):
+                    continue
+                m = min(found, most - 1)
+                while m > 0 and square[m - 1] > away:
+                    square[m], near[i, m] = square[m - 1], near[i, m - 1]
+                    m -= 1
+                square[m], near[i, m] = away, k
+                found = min(found + 1, most)
+                if found == most:
+                    limit = square[most - 1]
+
 
 @njit(cache=True)
 def mirrored(i, n):  # type: ignore[no-untyped-def]
@@ -82,7 +135,7 @@ def place_on(dx, dy, dz, n, right, upward, normal, radius, through, out):  # typ
     off = dx * normal[0] + dy * normal[1] + dz * normal[2]
     out[0], out[1] = x / radius, y / radius
     away = out[0] * out[0] + out[1] * out[1]
-    if away > 1.0 or abs(off) > 1.2 * radius:
+    if away > 1.0 or abs(off) > ABOVE * radius:
         return -1.0
     return (1.0 - away) * (0.3 + 0.7 * facing)
 
@@ -110,13 +163,23 @@ def paint(  # type: ignore[no-untyped-def]
     for i in prange(len(position)):
         at, found = np.empty(2, np.float32), np.empty(3, np.float32)
         best = np.float32(-1.0)
+        n0, n1, n2 = normal[i, 0], normal[i, 1], normal[i, 2]
         for m in range(near.shape[1]):
             k = near[i, m]
             if k < 0:
                 continue
             dx, dy, dz = position[i, 0] - middle[k, 0], position[i, 1] - middle[k, 1], position[i, 2] - middle[k, 2]
+            # Stretching only moves a point outwards, so this is the most that the piece could score. Most pieces that
+            # overlap are far behind what is in front.
+            facing = n0 * outward[k, 0] + n1 * outward[k, 1] + n2 * outward[k, 2]
+            facing = abs(facing) if through else facing
+            x = dx * right[k, 0] + dy * right[k, 1] + dz * right[k, 2]
+            y = dx * upward[k, 0] + dy * upward[k, 1] + dz * upward[k, 2]
+            most = (1.0 - (x * x + y * y) / (radius * radius)) * (0.3 + 0.7 * facing) + SLACK
+            if facing < 0.15 or most < 0.0 or most + ink * 2.0 * min(4.0 * most, 1.0) <= best:
+                continue
             score = place_on(dx, dy, dz, normal[i], right[k], upward[k], outward[k], radius, through, at)
-            if score < 0.0:
+            if score < 0.0 or score + ink * 2.0 * min(4.0 * score, 1.0) <= best:
                 continue
             c, s = np.cos(turn[k]), np.sin(turn[k])
             x, y = at[0] * pixels, at[1] * pixels

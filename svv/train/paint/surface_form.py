@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from svv.fields.radiance.networks import BaseField
 from svv.fields.radiance.occupancy import Occupancy
+from svv.train.paint.grid_kernels import interpolate
 
 Floats = NDArray[np.float32]
 
@@ -58,9 +59,12 @@ class Form:
 
     def normals(self, position: Floats) -> Floats:
         """Return the outward unit normals at box coordinates. (S, 3)"""
-        at = np.asarray(position, np.float64).T * self.cells - 0.5
-        normal = -np.stack([map_coordinates(f, at, order=1, mode="nearest") for f in self.gradient], 1)
-        return _unit(normal.astype(np.float64)).astype(np.float32)
+        return self._facing(position).astype(np.float32)
+
+    def _facing(self, position: Floats) -> NDArray[np.float64]:
+        gradient = np.empty((len(position), 3), np.float32)
+        interpolate(self.gradient, np.asarray(position, np.float64) * self.cells - 0.5, gradient)
+        return _unit(-gradient.astype(np.float64))
 
     def frames(self, position: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the frames that strokes follow at box coordinates (S, 3).
@@ -68,12 +72,11 @@ class Form:
         Outward unit normals (S, 3); unit tangents along the strokes, of either sign (S, 3); and how distinct these are:
         0 where the surface is flat or equally round in all directions, 1 on a straight tube (S,).
         """
-        at = np.asarray(position, np.float64).T * self.cells - 0.5
-        look = [map_coordinates(f, at, order=1, mode="nearest") for f in (*self.gradient, *self.axes)]
-        normal = _unit(-np.stack(look[:3], 1).astype(np.float64))
+        normal, look = self._facing(position), np.empty((len(position), 6), np.float32)
+        interpolate(self.axes, np.asarray(position, np.float64) * self.cells - 0.5, look)
         right, upward = tangents(normal, self.up)
         matrix = np.empty((len(normal), 3, 3))
-        for value, (i, j) in zip(look[3:], SIX, strict=True):
+        for value, (i, j) in zip(look.T, SIX, strict=True):
             matrix[:, i, j] = matrix[:, j, i] = value
         # In the tangent plane this is a 2 x 2 matrix, whose larger eigenvector has a closed form.
         a = np.einsum("si,sij,sj->s", right, matrix, right)

@@ -20,31 +20,20 @@ def _range(p, side, reach, size):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _height_left(s, found, side, slot, points, normals, right, upward, reach):  # type: ignore[no-untyped-def]
+def _height_left(s, found, near, points, normals, right, upward, reach):  # type: ignore[no-untyped-def]
     """Return the weighted sum of squared heights of a point's neighbours over the paraboloid that was fitted there."""
     rough = 0.0
-    i0, i1 = _range(points[s, 0], side, reach, slot.shape[0])
-    j0, j1 = _range(points[s, 1], side, reach, slot.shape[1])
-    k0, k1 = _range(points[s, 2], side, reach, slot.shape[2])
-    for i in range(i0, i1):
-        for j in range(j0, j1):
-            for k in range(k0, k1):
-                o = slot[i, j, k]
-                if o < 0 or o == s:
-                    continue
-                away, facing, x, y, h = 0.0, 0.0, 0.0, 0.0, 0.0
-                for f in range(3):
-                    d = points[o, f] - points[s, f]
-                    away += d * d
-                    facing += normals[o, f] * normals[s, f]
-                    x += d * right[s, f]
-                    y += d * upward[s, f]
-                    h += d * normals[s, f]
-                if away > reach * reach or facing < SAME_SIDE:
-                    continue
-                w = (1.0 - away / (reach * reach)) ** 2
-                h += 0.5 * (found[0] * x * x + 2.0 * found[1] * x * y + found[2] * y * y)
-                rough += w * h * h
+    for o in near:
+        away, x, y, h = 0.0, 0.0, 0.0, 0.0
+        for f in range(3):
+            d = points[o, f] - points[s, f]
+            away += d * d
+            x += d * right[s, f]
+            y += d * upward[s, f]
+            h += d * normals[s, f]
+        w = (1.0 - away / (reach * reach)) ** 2
+        h += 0.5 * (found[0] * x * x + 2.0 * found[1] * x * y + found[2] * y * y)
+        rough += w * h * h
     return rough
 
 
@@ -61,6 +50,7 @@ def bend(side, slot, points, normals, right, upward, reach, out):  # type: ignor
         i0, i1 = _range(points[s, 0], side, reach, slot.shape[0])
         j0, j1 = _range(points[s, 1], side, reach, slot.shape[1])
         k0, k1 = _range(points[s, 2], side, reach, slot.shape[2])
+        near, count = np.empty(max(i1 - i0, 0) * max(j1 - j0, 0) * max(k1 - k0, 0), np.int32), 0
         for i in range(i0, i1):
             for j in range(j0, j1):
                 for k in range(k0, k1):
@@ -70,15 +60,19 @@ def bend(side, slot, points, normals, right, upward, reach, out):  # type: ignor
                     away, facing, x, y, r, u = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                     for f in range(3):
                         d = points[o, f] - points[s, f]
-                        m = normals[o, f] - normals[s, f]
                         away += d * d
                         facing += normals[o, f] * normals[s, f]
+                    if away > reach * reach or facing < SAME_SIDE:
+                        continue
+                    near[count] = o
+                    count += 1
+                    for f in range(3):
+                        d = points[o, f] - points[s, f]
+                        m = normals[o, f] - normals[s, f]
                         x += d * right[s, f]
                         y += d * upward[s, f]
                         r += m * right[s, f]
                         u += m * upward[s, f]
-                    if away > reach * reach or facing < SAME_SIDE:
-                        continue
                     w = (1.0 - away / (reach * reach)) ** 2
                     xx += w * x * x
                     xy += w * x * y
@@ -97,7 +91,7 @@ def bend(side, slot, points, normals, right, upward, reach, out):  # type: ignor
         out[s, 0], out[s, 1], out[s, 2] = found[0], found[1], found[2]
         left = squares - (found[0] * v[0] + found[1] * v[1] + found[2] * v[2])
         out[s, 3] = np.sqrt(max(left, 0.0) / max(total, 1e-9))
-        rough = _height_left(s, found, side, slot, points, normals, right, upward, reach)
+        rough = _height_left(s, found, near[:count], points, normals, right, upward, reach)
         out[s, 4] = np.sqrt(rough / max(total, 1e-9))
 
 

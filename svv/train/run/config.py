@@ -227,8 +227,8 @@ HOMES = {"lattice": "balanced"}
 VALUES = "values"
 """Encoding of scenes that are functions of their volume's values."""
 
-VALUE_STEPS = 4, 2
-"""Parts of stage 1 and stage 2 of a preset that such scenes need."""
+VALUE_STEPS = 4
+"""Part of stage 1 of a preset, one of so many, that such scenes need."""
 
 VALUE_RATE = 0.05
 """Learning rate of their extinction, a table that all vertices share."""
@@ -248,11 +248,11 @@ def preset(name: str | Preset, encoding: str | None = None) -> Preset:
     if encoding == VALUES:
         chosen = preset(name, "lattice")
         first, second, rate = chosen.reconstruct, chosen.recolour, FitSettings.network_rate
-        steps = first.iterations // VALUE_STEPS[0]
+        steps = first.iterations // VALUE_STEPS
         return replace(
             chosen,
             reconstruct=replace(first, iterations=steps, network_rate=rate, known_density_rate=VALUE_RATE),
-            recolour=replace(second, iterations=second.iterations // VALUE_STEPS[1], feature_rate=0.0),
+            recolour=replace(second, feature_rate=0.0),
             values=True,
         )
     chosen = PRESETS[name]

@@ -50,7 +50,7 @@ Where the views say little, as in a faint shell, the coarse level then prevails 
 COLOUR_EVERY = 1.0 / 16.0
 """Fraction of a pixel's weight that shares one colour lookup; the density learns from all samples."""
 
-TRANSLUCENT_DENSITY_RATE = 0.05
+TRANSLUCENT_DENSITY_RATE = 0.08
 """Learning rate of a density that was initialized by a tomography of translucent views, which is less exact."""
 
 OPAQUE_DENSITY_RATE = 0.15

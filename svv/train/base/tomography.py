@@ -56,7 +56,7 @@ OPAQUE_ROUNDS = (2, 2, 1)
 MOSTLY = 0.5
 """Part of the visible pixels that must be opaque for a tomography to count as a guess."""
 
-VIEWS_A_STEP = 8
+VIEWS_A_STEP = 4
 """Number of views in one subset."""
 
 LARGEST_CHANGE = 1.5

@@ -104,8 +104,12 @@ def _watched_steps(steps: TrainingKernels) -> list[Watched]:
         Watched(steps, "lattice_encode", "encode", lambda a: _encode(a[0], a[1], a[2].shape[1], 1)),
         Watched(steps, "lattice_backward", "encode, backward", lambda a: _encode(a[0], a[2], a[3].shape[1], 2)),
         Watched(steps, "network_and_back", "networks", lambda a: _network(len(a[0]), a[1])),
-        Watched(networks, "gradients_of", "networks, backward",
-                lambda a: sum((_network(len(a[0]), a[1]) for _ in range(2)), Work())),
+        Watched(
+            networks,
+            "gradients_of",
+            "networks, backward",
+            lambda a: sum((_network(len(a[0]), a[1]) for _ in range(2)), Work()),
+        ),
         Watched(steps, "learn_base", "composite, backward", lambda a: _composite(len(a[0]), len(a[4]), 3, 2)),
         Watched(steps, "learn_palette", "composite, backward", lambda a: _composite(len(a[0]), len(a[5]), 6, 2)),
     ]

@@ -15,7 +15,7 @@ from svv.train.run.config import PRESETS, MatchSettings, StylizeSettings
 DRAFT = PRESETS["draft"]
 SHORT = replace(
     DRAFT,
-    reconstruct=replace(DRAFT.reconstruct, iterations=100, rays=1024, samples=8192, cells=32),
+    reconstruct=replace(DRAFT.reconstruct, iterations=100, rays=1024, samples=8192, cells=32, doublings=0),
     recolour=replace(DRAFT.recolour, iterations=300, rays=1024, samples=8192),
     stylize=StylizeSettings(style_views=6, style_size=64),
 )

@@ -44,8 +44,8 @@ def orthogonalized(matrix: Tensor) -> Tensor:
     1.2.
 
     Example:
-        >>> orthogonalized(torch.tensor([[3.0, 0.0], [0.0, -0.2]])).round(decimals=1)
-        tensor([[ 1.1,  0.0], [ 0.0, -0.7]])
+        >>> [round(value, 1) for value in orthogonalized(torch.tensor([[3.0, 0.0], [0.0, -0.2]])).diag().tolist()]
+        [0.7, -1.1]
     """
     wide = matrix if matrix.shape[0] <= matrix.shape[1] else matrix.T
     # NumPy's products of small matrices take a tenth of torch's, which divides each among threads.

@@ -86,6 +86,12 @@ def keep_little() -> None:
         change(M_TRIM_THRESHOLD, KEPT_AT_END)
 
 
+def use_little_memory() -> None:
+    """Prepare a command for work that takes much memory, after its imports and before its data."""
+    keep_little()
+    let_go_of_libraries()
+
+
 def let_go_of_libraries() -> None:
     """Take those pages of shared libraries out of this process's memory that were only read.
 

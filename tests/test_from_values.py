@@ -43,7 +43,7 @@ from tests.test_ranges import BLUE, RED, ball, bumps, volume_of
 TWO = bumps((0.3, 0.2, 0.1, BLUE), (0.8, 0.3, 0.8, RED))
 SHORT = replace(
     preset("draft", "values"), reconstruct=ReconstructSettings(iterations=60, rays=512, cells=32),
-    recolour=replace(preset("draft", "values").recolour, iterations=60, rays=512),
+    recolour=replace(preset("draft", "values").recolour, iterations=120, rays=512),
 )  # fmt: skip
 
 

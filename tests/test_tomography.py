@@ -29,7 +29,7 @@ from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.kernels.numba.bricks import made
 from svv.train.base.first_extinction import begin, largest_extinction
-from svv.train.base.tomography import Tomography, opaque_part, pixels_a_cell, reduced, smaller
+from svv.train.base.tomography import VIEWS_A_STEP, Tomography, opaque_part, pixels_a_cell, reduced, smaller
 from svv.train.base.tomography_kernels import back_project, beside_visible, optical_depths
 from svv.train.evaluate import evaluate_scene
 from svv.train.pipeline import train_scene
@@ -191,7 +191,7 @@ def test_a_step_needs_only_half_the_pixels(monkeypatch: pytest.MonkeyPatch) -> N
     work.rounds(1, lambda: True)
     factor = pixels_a_cell(views.cameras, work.occupancy, 32)
     seen = int((reduced(views.images[..., 3], factor) > 0).sum())
-    assert len(cast) == 1 and 0.4 * seen < cast[0] < 0.75 * seen  # with those beside the outline
+    assert len(cast) == 8 // VIEWS_A_STEP and 0.4 * seen < sum(cast) < 0.75 * seen  # with those beside the outline
 
 
 def test_corners_are_enough_where_cells_are_no_finer() -> None:
@@ -396,10 +396,11 @@ def test_opaque_views_take_fewer_steps_and_their_finest_lattice_is_interpolated(
 
     monkeypatch.setattr(Tomography, "_step", counted)
     begun(views_of(orbit(24)), 64)
-    assert {r: steps.count(r) for r in steps} == {32: 9, 64: 9}
+    a_round = 24 // VIEWS_A_STEP
+    assert {r: steps.count(r) for r in steps} == {32: 3 * a_round, 64: 3 * a_round}
     steps.clear()
     density, _, _ = begun(views_of(orbit(24), lambda points: 80.0 * (np.linalg.norm(points, axis=-1) < 0.5)), 64)
-    assert density.resolutions == (64,) and {r: steps.count(r) for r in steps} == {32: 6}
+    assert density.resolutions == (64,) and {r: steps.count(r) for r in steps} == {32: 2 * a_round}
 
 
 def test_opaque_pixels_are_counted_among_the_visible() -> None:

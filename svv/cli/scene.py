@@ -62,7 +62,7 @@ def train(
     from svv.io.views.empty_views import check_shown, empty_views
     from svv.io.views.equal_views import equal_views
     from svv.job.request import Request, learn
-    from svv.measure import keep_little, let_go_of_libraries
+    from svv.measure import use_little_memory
     from svv.train.run import ranks
     from svv.train.run.config import settings_of
 
@@ -70,7 +70,6 @@ def train(
         check_targets(out, json)
         settings_of(options)  # errors in the options are reported before the views are read
         device_named(options.device)
-        let_go_of_libraries()  # before there are views beside what importing has touched
         with shown("Reading") as progress:
             view_set = read_views(folder, "train", progress)
         assumed, empty = view_set.meta.assumed, check_shown(view_set)
@@ -79,7 +78,7 @@ def train(
                 print(said, file=sys.stderr)
         return view_set
 
-    keep_little()
+    use_little_memory()
     folders = _folders(views)
     files = {folder: out if len(folders) < 2 else out.with_name(f"{out.stem}.{folder.name}.svv") for folder in folders}
     made = []

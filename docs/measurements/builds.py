@@ -23,7 +23,8 @@ def run(checkout: Path, *words: str) -> tuple[float, float, float]:
     """Run a command of a checkout; return its seconds, CPU seconds and peak in MB."""
     begun = time.perf_counter()
     own = {"PYTHONPATH": str(checkout), "SVV_CACHE": str(CACHES / checkout.name), "OMP_WAIT_POLICY": "PASSIVE"}
-    process = subprocess.Popen([sys.executable, "-m", "svv", *words], env=os.environ | own, stdout=subprocess.DEVNULL)
+    command, quiet = [sys.executable, "-m", "svv", *words], subprocess.DEVNULL
+    process = subprocess.Popen(command, env=os.environ | own, cwd=checkout, stdout=quiet, stderr=quiet)
     _, status, used = os.wait4(process.pid, 0)
     if status:
         raise SystemExit(f"{checkout}: svv {' '.join(words)} failed")
@@ -38,9 +39,9 @@ def compared(builds: dict[str, Path], views: Path, preset: str, runs: int) -> di
         for number in range(runs):
             for name in list(builds)[:: 1 if number % 2 == 0 else -1]:
                 scene, scores = str(Path(folder, f"{name}{number}.svv")), Path(folder, "scores.json")
-                taken[name].append(run(builds[name], "train", str(views), "--preset", preset, "--out", scene))
+                taken[name].append(run(builds[name], "train", str(views.resolve()), "--preset", preset, "--out", scene))
                 if number == 0:
-                    run(builds[name], "evaluate", scene, "--views", str(views), "--json", str(scores))
+                    run(builds[name], "evaluate", scene, "--views", str(views.resolve()), "--json", str(scores))
                     found[name] = {key: json.loads(scores.read_text())[key] for key in SCORES}
     for name, each in taken.items():
         found[name] |= dict(zip(("s", "CPU s", "MB"), map(median, zip(*each, strict=True)), strict=True))

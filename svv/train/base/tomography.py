@@ -56,8 +56,11 @@ OPAQUE_ROUNDS = (2, 2, 1)
 MOSTLY = 0.5
 """Part of the visible pixels that must be opaque for a tomography to count as a guess."""
 
-VIEWS_A_STEP = 4
-"""Number of views in one subset."""
+VIEWS_A_STEP, OPAQUE_VIEWS_A_STEP = 4, 8
+"""Number of views in one subset, and in one of mostly opaque views, of whose pixels few tell."""
+
+COMPARED = 8
+"""Number of views whose alpha is compared in the end."""
 
 LARGEST_CHANGE = 1.5
 """Largest change of a log extinction in one step."""
@@ -109,7 +112,7 @@ class Tomography:
         factor = pixels_a_cell(views.cameras, occupancy, self.lattice.resolutions[0])
         vertices = self._vertices()
         cameras = [smaller(camera, factor) for camera in views.cameras]
-        subsets = max(1, round(len(cameras) / VIEWS_A_STEP))
+        subsets = subsets_of(len(cameras), not self._half)
         for _ in range(count):
             for subset in np.array_split(self._random.permutation(len(cameras)), subsets):
                 caster = RayCaster([cameras[n] for n in subset], occupancy.box, self.device)
@@ -166,7 +169,7 @@ class Tomography:
         """Return the PSNR in dB of the alpha of some views, as large as used last, from a quarter of their pixels."""
         views, resolution = self._views, self.lattice.resolutions[0]
         factor = pixels_a_cell(views.cameras, self.occupancy, resolution)
-        some = np.arange(0, len(views), max(1, len(views) // VIEWS_A_STEP))
+        some = np.arange(0, len(views), max(1, len(views) // COMPARED))
         alpha = self._reduced(some, factor)
         caster = RayCaster([smaller(views.cameras[n], factor) for n in some], self.occupancy.box, self.device)
         return -10.0 * float(np.log10(max(self._error(caster, alpha), 1e-12)))
@@ -183,6 +186,11 @@ def planned(levels: int, opaque: bool) -> list[int]:
     rounds = OPAQUE_ROUNDS if opaque else ROUNDS
     plan = [rounds[min(k, len(rounds) - 1)] for k in range(levels)]
     return [*plan[:-1], 0] if opaque and levels > 1 else plan
+
+
+def subsets_of(views: int, opaque: bool) -> int:
+    """Return the number of subsets in which all views are used once."""
+    return max(1, round(views / (OPAQUE_VIEWS_A_STEP if opaque else VIEWS_A_STEP)))
 
 
 _MOSTLY_OPAQUE: WeakKeyDictionary[ViewSet, bool] = WeakKeyDictionary()
@@ -226,8 +234,9 @@ def extinction_from(
     levels = [COARSEST]
     while levels[-1] < finest:
         levels.append(2 * levels[-1])
+    opaque = mostly_opaque(views)
     work, end = work or Tomography(views, occupancy, seed), None if limit is None else time.monotonic() + limit
-    plan = planned(len(levels), mostly_opaque(views))
+    plan = planned(len(levels), opaque)
     # A round costs about eight times as much with cells half as large; the last ones are nearly all of the time.
     shares = np.cumsum([0.0, *(count * 4.0**k for k, count in enumerate(plan))])
     for k, (resolution, count) in enumerate(zip(levels, plan, strict=True)):
@@ -235,7 +244,7 @@ def extinction_from(
             break  # finer cells of a scene that fills its box would take many times the limit
         if k:
             work.refine(pruned(work.lattice, work.occupancy, True), resolution)
-        steps = count * max(1, round(len(views) / VIEWS_A_STEP))
+        steps = count * subsets_of(len(views), opaque)
         done = 0
 
         def step_done(first: float = shares[k], last: float = shares[k + 1], steps: int = steps) -> bool:

@@ -237,6 +237,18 @@ def test_memory_and_threads_do_not_change_an_image() -> None:
         assert np.array_equal(small.render(camera, 0.5), expected)
 
 
+def test_a_pool_begins_with_zeros(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rays that wait for a brick look up voxels that none has filled; NaN would lead out of the table of colours."""
+
+    def unwritten(shape: tuple[int, ...], kind: Any = float) -> NDArray[Any]:
+        return np.full(shape, np.nan if kind == np.float32 else 7, kind)
+
+    monkeypatch.setattr(np, "empty", unwritten)
+    source = ArraySource(np.linspace(0.0, 1.0, 40**3, dtype=np.float32).reshape(40, 40, 40))
+    caster = BrickCaster(source, 0, ramp_look(), 1 << 20, 1)
+    assert not caster._values.any() and not caster._codes.any()
+
+
 def test_what_is_hidden_or_empty_is_not_read_again() -> None:
     wall = np.zeros((160, 160, 160), np.uint8)
     wall[:, :, 130:] = 255

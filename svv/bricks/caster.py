@@ -92,9 +92,11 @@ class BrickCaster:
         self._inverse = np.linalg.inv(self.level.axes)
         bytes_each = VOXELS * (self._numbers.dtype.itemsize + 2)
         count = min(max(64, memory // bytes_each), self._slots.size, MOST_BRICKS)
-        # Memory that is never written to takes no room: the pool grows as bricks are read.
-        self._values = np.empty((count, VOXELS), self._numbers.dtype)
-        self._codes = np.empty((count, VOXELS), np.uint16)
+        # Memory that is never written to takes no room: the pool grows as bricks are read. It holds zeros, because rays
+        # that wait for a brick look up the first one's values beside the others, and numbers that are not finite would
+        # lead out of the table.
+        self._values = np.zeros((count, VOXELS), self._numbers.dtype)
+        self._codes = np.zeros((count, VOXELS), np.uint16)
         self._seen = np.zeros((count, BLOCKS, BLOCKS, BLOCKS), np.uint8)
         self._stamps = np.zeros(count, np.int64)
         self._owner = np.full(count, -1, np.int64)

@@ -17,10 +17,12 @@ from pathlib import Path
 MAPPINGS = Path("/proc/self/smaps")
 
 ONLY_READ = re.compile(
-    rb"^([0-9a-f]+)-([0-9a-f]+) r-[-x]p \S+ \S+ [1-9]\d* +/.*\.so\b.*\n(?:(?!Anonymous:)\w+:.*\n)*Anonymous: +0 kB\n",
+    rb"^([0-9a-f]+)-([0-9a-f]+) r-[-x]p \S+ \S+ [1-9]\d* +/.*\.so\b.*\n(?:(?!Anonymous:)\w+:.*\n)*Anonymous: +0 kB\n"
+    rb"(?:(?!Swap:)\w+:.*\n)*Swap: +0 kB\n",
     re.MULTILINE,
 )
-"""A library's mapping that cannot be written to and holds no page unlike its file, which would be lost."""
+"""A library's mapping that cannot be written to and holds no page unlike its file, in memory or swapped out, which
+would be lost."""
 
 MADV_DONTNEED, M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = 4, -1, -3
 

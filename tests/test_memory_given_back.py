@@ -16,18 +16,20 @@ from svv.measure import ONLY_READ
 
 LINUX = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc is told, and only Linux says how much")
 
-MAPPING = "{range} {may} 00001000 fe:00 {inode} {file}\nSize: 8 kB\nRss: 8 kB\nAnonymous: {own} kB\nVmFlags: rd mr\n"
+MAPPING = "{range} {may} 00001000 fe:00 {inode} {file}\nSize: 8 kB\nRss: 8 kB\nAnonymous: {own} kB\nKSM: 0 kB\n"
+MAPPING += "Swap: {swap} kB\nSwapPss: {swap} kB\nVmFlags: rd mr\n"
 
 LIBRARY = "/opt/my libs/liba.so.2"
 
 
-def mapping(may: str = "r-xp", file: str = LIBRARY, own: int = 0, inode: int = 7) -> str:
+def mapping(may: str = "r-xp", file: str = LIBRARY, own: int = 0, inode: int = 7, swap: int = 0) -> str:
     """Return a mapping as the system describes it."""
-    return MAPPING.format(range="7f00a000-7f00c000", may=may, file=file, own=own, inode=inode)
+    return MAPPING.format(range="7f00a000-7f00c000", may=may, file=file, own=own, inode=inode, swap=swap)
 
 
 @pytest.mark.parametrize("kept", [
     mapping("rw-p"), mapping("r--s"), mapping("rwxp"), mapping(own=4), mapping("r--p", own=8), mapping("---p"),
+    mapping("r--p", swap=4),
     mapping(file="", inode=0), mapping(file="[heap]", inode=0), mapping(file="/tmp/values.npy"),
     mapping(file="/tmp/a.sobering"),
 ])  # fmt: skip

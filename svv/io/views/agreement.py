@@ -8,6 +8,7 @@ other cameras agree several times better, or if its own agree no better than the
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,7 +117,7 @@ def check_agreement(
     """Check that pictures (n, height, width, 4) with straight alpha agree with their cameras; BadInput otherwise.
 
     ``where`` they come from is for messages; the mistakes ``also`` are tried before the usual ones, which are those of
-    conversions from other programs: none are looked for if svv has ``drawn`` the pictures.
+    conversions from other programs: they are looked for in what svv has ``drawn`` only if it disagrees all the same.
     """
     fixed = fixed_in(cameras, images)
     if fixed is not None:  # a colour bar must not be blamed on the cameras
@@ -208,8 +209,12 @@ def _check(
     tells = ~(mixed <= 2.0 * GOOD)  # others, such as those of a ball, agree with anything
     if faced and (found[tells] <= GOOD).sum() >= 0.5 * tells.sum():
         return _agree(found), None
-    usual = [*also, *mistakes(whole.matrices, names)]
-    cause = None if drawn else _cause(whole, outlines, found, usual, cameras[0])
+    if drawn and faced:
+        with suppress(BadInput):  # an altered folder, whose cause is worth looking for
+            judged = _without_cause(outlines, found, mixed, tells, which)
+            if judged[1] is None:
+                return judged
+    cause = _cause(whole, outlines, found, [*also, *mistakes(whole.matrices, names)], cameras[0])
     if cause is not None:
         finite = found[np.isfinite(found)]
         most = f"{finite.max():.3g} pixels" if len(finite) else "more than can be compared"

@@ -16,6 +16,9 @@ from pathlib import Path
 
 MAPPINGS = Path("/proc/self/smaps")
 
+IN_COMMAND: list[bool] = []
+"""Not empty in a process that is a command of svv and nothing else."""
+
 ONLY_READ = re.compile(
     rb"^([0-9a-f]+)-([0-9a-f]+) r-[-x]p \S+ \S+ [1-9]\d* +/.*\.so\b.*\n(?:(?!Anonymous:)\w+:.*\n)*Anonymous: +0 kB\n"
     rb"(?:(?!Swap:)\w+:.*\n)*Swap: +0 kB\n",
@@ -92,6 +95,13 @@ def use_little_memory() -> None:
     """Prepare a command for work that takes much memory, after its imports and before its data."""
     keep_little()
     let_go_of_libraries()
+    IN_COMMAND.append(True)
+
+
+def let_go_in_commands() -> None:
+    """Let go of libraries again, if this process is such a command: a program may have threads that unload some."""
+    if IN_COMMAND:
+        let_go_of_libraries()
 
 
 def let_go_of_libraries() -> None:

@@ -24,7 +24,7 @@ from svv.io.views.agreement import check_agreement
 from svv.io.views.empty_views import check_shown
 from svv.io.views.equal_views import equal_views
 from svv.io.views.viewset import ViewSet
-from svv.measure import trim_memory
+from svv.measure import let_go_in_commands, trim_memory
 from svv.train.base.feature_levels import with_fewest_levels
 from svv.train.base.first_extinction import Beginning, begin, first_occupancy
 from svv.train.base.from_values import ValueReconstruction, field_of
@@ -283,4 +283,5 @@ class Training:
         begin = time.monotonic()
         yield
         trim_memory()  # what a part has freed is for the next one
+        let_go_in_commands()
         self.seconds[name] = time.monotonic() - begin

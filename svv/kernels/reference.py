@@ -27,6 +27,7 @@ from svv.kernels.types import (
     StrokeKernels,
     TomographyKernels,
     TrainingKernels,
+    VertexKernels,
 )
 
 NAME = "reference"
@@ -34,6 +35,7 @@ RAYS = 1 << 16
 SAMPLES = 1 << 16
 IMAGE: ImageKernels | None = None
 STROKES: StrokeKernels | None = None
+VERTICES: VertexKernels | None = None
 TOMOGRAPHY: TomographyKernels | None = None
 REGIONS: RegionKernels = reference_regions
 TRAINING: TrainingKernels | None = None

@@ -400,6 +400,34 @@ class ImageKernels(Protocol):
         """
 
 
+class VertexKernels(Protocol):
+    """An image whose colours are known at vertices of a grid and interpolated between them.
+
+    The grid has cells of the side 1 / ``scale`` from the box's first corner on. V vertices around samples.
+    """
+
+    def touched(
+        self, positions: Sequence[Tensor], shape: tuple[int, int, int], scale: float, most: float
+    ) -> tuple[Tensor, Tensor] | None:
+        """Return the vertices of the cells in which positions (S, 3) lie, of one or several sets.
+
+        ``shape``: vertices along x, y and z; ``most``: vertices per position above which the result is None. Returns
+        the number of each vertex, int32, (X, Y, Z), in raster order, of which only those of such cells mean anything,
+        and their positions (V, 3).
+        """
+
+    def composite(
+        self, pieces: Sequence[tuple[Samples, Tensor, tuple[Tensor, Tensor, Tensor]]], rows: Tensor, scale: float,
+        colours: tuple[Tensor, Tensor, Tensor], regions: int, size: float,
+    ) -> None:  # fmt: skip
+        """Composite rays as :meth:`ImageKernels.composite`: ``pieces`` are samples, origins, and images to draw into.
+
+        ``rows``: from :meth:`touched`; ``colours``: colour (V, 3), factor on the extinction > 0 (V,), and region (V,)
+        of ``regions``. The factor is interpolated, the colour in proportion to it, and a sample's region is that of the
+        nearest vertex.
+        """
+
+
 @dataclass(frozen=True)
 class StrokeTables:
     """The strokes of a region on a device, as :class:`StrokeKernels` take them. K points, N strokes, B entries."""
@@ -509,6 +537,8 @@ class Kernels(Protocol):
     """Number of samples that a network with a graph processes at a time."""
     IMAGE: ImageKernels | None
     """Kernels for images of palette scenes on lattices; None if plain torch renders them, as in training."""
+    VERTICES: VertexKernels | None
+    """Kernels for images whose colours are known at vertices; None if every sample has its own, as on a GPU."""
     STROKES: StrokeKernels | None
     """Kernels for strokes in images; None if the CPU evaluates them (:mod:`svv.fields.strokes.stroke_paint`)."""
     TRAINING: TrainingKernels | None

@@ -29,7 +29,7 @@ from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import forget_gpu_peak
 from svv.measure import measured
 from svv.options.making import PaletteOptions
-from svv.train.base.sampling import with_fewest_samples
+from svv.train.base.sampling import with_fewest
 from svv.train.expected_errors import expected_errors
 from svv.train.palette.pointed import InCells, pointed
 from svv.train.palette.ranges import Labelled, Owners, membership, regions_for
@@ -129,7 +129,7 @@ def correct_palette(
         )  # fmt: skip
         reason = "images use the samples that they used before"
         if not kept:
-            plain, reason = with_fewest_samples(plain, views.cameras)
+            plain, reason = with_fewest(plain, views)
         expected = expected_errors(plain, views, how.iterations * how.rays, seed)
         progress(1.0, "palette colour network")
     notes += _not_followed(owners, network) + _dropped(scene)

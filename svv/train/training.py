@@ -30,7 +30,7 @@ from svv.train.base.first_extinction import Beginning, begin, first_occupancy
 from svv.train.base.from_values import ValueReconstruction, field_of
 from svv.train.base.reconstruct import Reconstruction, reconstruct
 from svv.train.base.resolutions import affordable_field, fitted_field
-from svv.train.base.sampling import with_fewest_samples
+from svv.train.base.sampling import with_fewest
 from svv.train.expected_errors import expected_errors
 from svv.train.palette.doubts import doubts, hues_within, joined_ranges
 from svv.train.palette.lighting import headlight_of, light_by_trial, light_for, shows_light
@@ -121,22 +121,23 @@ class Training:
         scene = self._lit(scene, palette, owners, given)
         scene = self._recoloured(scene, palette, known, given)
         with self._timed("sampling"):
-            stride, joined, reason = ranks.once(lambda: self._samples(scene))
+            how, reason = ranks.once(lambda: self._samples(scene))
         self.notes.append(reason)
-        scene = replace(scene, stride=stride, joined=joined)
+        scene = replace(scene, **how)  # type: ignore[arg-type]
         with self._timed("doubt"):
             reconstructed, recoloured = self.chosen.reconstruct, self.chosen.recolour
             trained = reconstructed.iterations * reconstructed.rays + recoloured.iterations * recoloured.rays
             expected = ranks.once(lambda: expected_errors(scene, self.views, trained, self.seed))
         return replace(scene, expected=expected)
 
-    def _samples(self, scene: Scene) -> tuple[float, float, str]:
-        """Return with which samples images of the scene are good enough, and why."""
+    def _samples(self, scene: Scene) -> tuple[dict[str, float], str]:
+        """Return with which samples and colours images of the scene are good enough, and why."""
         if self.chosen.all_samples:
             joined = self.chosen.recolour.joined
-            return 1.0, joined, f"images use every sample, merged up to 1/{1 / joined:g} of a pixel, as in the preset"
-        found, reason = with_fewest_samples(scene, self.views.cameras)
-        return found.stride, found.joined, reason
+            reason = f"images use every sample, merged up to 1/{1 / joined:g} of a pixel, as in the preset"
+            return {"stride": 1.0, "joined": joined}, reason
+        found, reason = with_fewest(scene, self.views)
+        return {k: getattr(found, k) for k in ("stride", "joined", "vertices_a_cell")}, reason
 
     def _restored_base(self) -> Scene:
         assert self.saved is not None

@@ -62,7 +62,22 @@ def draw(
 
     ``share`` (R,) is filled with the light from faces of cuts, if it is there.
     """
-    palette, samples, light = scene.palette_network, look.samples, look.light
+    samples = look.samples
+    surface, sigma = shade(kernels, scene, look, network, beams)
+    region = surface.region
+    face = None if share is None else faces(scene, samples, region)
+    show_sections(scene, surface.colour, samples, region, network, face)
+    opacity = numbers_on([r.seen_opacity for r in scene.regions], sigma.device)
+    kernels.composite(samples, sigma, surface, opacity, rays.origins, scene.occupancy.box.size, images)
+    if share is not None:
+        share.copy_(face_shares(scene, samples, sigma * opacity[region], region, face))
+
+
+def shade(
+    kernels: ImageKernels, scene: Model, look: Look, network: str, beams: Callable[[], Beams]
+) -> tuple[Surface, Tensor]:
+    """Return what samples look like, lit, and their extinction (S,), without that of regions that are cut off."""
+    palette, samples = scene.palette_network, look.samples
     assert palette is not None
     here = scene.regions_at(samples.position)
     surface = kernels.material(_recoloured(kernels, scene, look.raw, here), palette.colours)
@@ -77,17 +92,12 @@ def draw(
         sigma = kernels.overpaint(surface, paint, scene.paint_shares, strokes, sigma)
     sigma = scene.cut_open(sigma, samples, region)
     occlude(scene, surface.colour, samples.position, surface.region)
-    _add_light(kernels, scene, samples, surface, light, beams, lights_of(scene, network), here)
+    _add_light(kernels, scene, samples, surface, look.light, beams, lights_of(scene, network), here)
     if any(r.matcap is not None for r in scene.regions):
         dress(scene, surface.colour, samples.position, surface.region, samples.ray, beams())
     if scene.lamp.shadow > 0.0:
         cast_shadows(scene, surface.colour, samples.position, network, beams().shadows_from)
-    face = None if share is None else faces(scene, samples, region)
-    show_sections(scene, surface.colour, samples, region, network, face)
-    opacity = numbers_on([r.seen_opacity for r in scene.regions], sigma.device)
-    kernels.composite(samples, sigma, surface, opacity, rays.origins, scene.occupancy.box.size, images)
-    if share is not None:
-        share.copy_(face_shares(scene, samples, sigma * opacity[region], region, face))
+    return surface, sigma
 
 
 def _recoloured(kernels: ImageKernels, scene: Model, raw: Tensor, here: Tensor | None) -> Tensor:

@@ -47,15 +47,25 @@ from svv.fields.scene.paint_light import lights_of
 from svv.fields.scene.sections import face_shares, faces, has_section_lines, show_sections, with_lines
 from svv.fields.scene.shadows import cast_shadows
 from svv.fields.scene.stroke_opacity import fade_of, followed
-from svv.fields.scene.view_cache import View, key_of
+from svv.fields.scene.vertices import (
+    SampleLooks,
+    VertexLook,
+    draw_from_vertices,
+    look_at_vertices,
+    vertex_kernels_of,
+)
+from svv.fields.scene.view_cache import Look, View, key_of
 from svv.fields.strokes.stroke_paint import shared_width
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import kernels_of
-from svv.kernels.types import Samples
+from svv.kernels.types import ImageKernels, Samples, VertexKernels
 
 MOVING_JOINED = 1.0 / 16.0
 """Weight in a pixel up to which a moving scene's samples are joined, unless its own is larger. More, or longer steps,
 lose what a smaller picture would not (docs/measurements/limits.md)."""
+
+CHUNKS_AT_ONCE = 16
+"""Chunks of rays that share the vertices around their samples: with 32,768 rays each, a view of 800 x 800 is whole."""
 
 FINER = 0.8
 """Width of pixels, in cells of the paint, below which a still image shows the strokes themselves."""
@@ -88,7 +98,8 @@ def while_moving(scene: S) -> S:
     """
     layers = tuple(while_moving(layer) for layer in scene.layers)
     lamp = replace(scene.lamp, shadow_softness=0.0) if scene.lamp.shadows_follow else scene.lamp
-    return replace(scene, joined=max(scene.joined, MOVING_JOINED), lamp=lamp, layers=layers, still=False)
+    joined, vertices = max(scene.joined, MOVING_JOINED), min(scene.vertices_a_cell, 1)
+    return replace(scene, joined=joined, vertices_a_cell=vertices, lamp=lamp, layers=layers, still=False)
 
 
 def resolving(scene: S, camera: Camera) -> S:
@@ -154,29 +165,48 @@ def render(
     return Rendering(rgba, depth, region)
 
 
+def render_pixels(scene: Model, camera: Camera, pixels: Tensor, network: str) -> NDArray[np.float32]:
+    """Return straight RGBA of some pixels, ascending flat indices int64 (N,), as :func:`render` draws large images.
+
+    Wherever it can interpolate colours, it does. (N, 4)
+    """
+    with gpu_errors(scene.device):
+        return _draw(scene, camera, network, silent, None, pixels)[0][pixels.to(scene.device)].cpu().numpy()
+
+
 def _draw(
-    scene: Model, camera: Camera, network: str, progress: Progress, share: Tensor | None
+    scene: Model, camera: Camera, network: str, progress: Progress, share: Tensor | None, among: Tensor | None = None
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return straight RGBA (pixels, 4), depth and region (pixels,) of a view, on the scene's device.
 
-    The light from faces of cuts is written into ``share`` (pixels,), 0 before, if it is there.
+    The light from faces of cuts is written into ``share`` (pixels,), 0 before, if it is there. If there are pixels
+    ``among`` which to stay, nothing else is drawn.
     """
     together = Together(scene, camera, network) if scene.layers else None
     caster = scene.caster([camera])
     alone = together is None and network != "base" and image_kernels_of(scene) is not None
     view = View(key_of(scene, camera, marching_as_edited(scene, network)) if alone else None)
     pixels, chunk = camera.width * camera.height, kernels_of(scene.device.type).RAYS
-    in_sight = caster.in_sight(scene.occupancy) if together is None else together.in_sight()
+    if among is not None:
+        in_sight, view = among, View(None)
+    else:
+        in_sight = caster.in_sight(scene.occupancy) if together is None else together.in_sight()
     in_order = len(in_sight) == pixels  # if so, a chunk is a slice of the images; otherwise it is scattered
     images = (new_images if alone and in_order else empty_images)(pixels, scene.device)
-    for first in range(0, len(in_sight), chunk):
+    vertices = vertex_kernels_of(scene, network) if alone else None
+    at_once = chunk if vertices is None else CHUNKS_AT_ONCE * chunk
+    for first in range(0, len(in_sight), at_once):
         progress(first / len(in_sight), "rendering")
-        own = in_sight[first : first + chunk]
-        piece = [image[first : first + chunk] for image in images]
+        own = in_sight[first : first + at_once]
+        piece = [image[first : first + at_once] for image in images]
         parts = piece if in_order else (new_images if alone else empty_images)(len(own), scene.device)
         faces_seen = None if share is None else torch.zeros(len(own), device=scene.device)
         if together is not None:
             together.draw(own, parts[0], parts[1], parts[2], faces_seen)
+        elif vertices is not None:
+            chunks = [caster.rays(each) for each in own.split(chunk)]
+            into = parts[0], parts[1], parts[2]
+            _render_from_vertices(scene, vertices, camera, chunks, into, view, first, always=among is not None)
         else:
             rays = caster.rays(own)
             beams = partial(Beams.of, scene.lamp, camera, rays)
@@ -191,6 +221,31 @@ def _draw(
 
 
 @torch.no_grad()
+def _render_from_vertices(
+    scene: Model, vertices: VertexKernels, camera: Camera, rays: Sequence[Rays], images: tuple[Tensor, Tensor, Tensor],
+    view: View, first: int, always: bool,
+) -> None:  # fmt: skip
+    """Do what :func:`_render_rays` does for chunks of rays of the palette network, from vertices near their samples.
+
+    ``always``: even if that takes longer.
+    """
+    kernels = image_kernels_of(scene)
+    assert kernels is not None
+
+    def look() -> VertexLook | SampleLooks:
+        found = [(visible_samples(scene, own, "pcn"), own) for own in rays]
+        return look_at_vertices(vertices, kernels, scene, camera, found, always)
+
+    known, each = view.look(first, look), [image.split(len(rays[0])) for image in images]
+    drawn = list(zip(rays, zip(*each, strict=True), strict=True))
+    if isinstance(known, VertexLook):
+        draw_from_vertices(vertices, kernels, scene, camera, known, drawn)
+        return
+    for one, (own, into) in zip(known.each, drawn, strict=True):
+        _show_look(kernels, scene, one, own, "pcn", partial(Beams.of, scene.lamp, camera, own), into, None)
+
+
+@torch.no_grad()
 def _render_rays(
     scene: Model, rays: Rays, beams: Callable[[], Beams], network: str, images: tuple[Tensor, Tensor, Tensor],
     view: View, first: int, share: Tensor | None,
@@ -202,10 +257,7 @@ def _render_rays(
     kernels = None if network == "base" else image_kernels_of(scene)
     if kernels is not None:
         look = view.look(first, lambda: look_at(kernels, scene, visible_samples(scene, rays, network), rays))
-        if look is not None:
-            draw(kernels, scene, look, rays, network, beams, images, share)
-        else:
-            show_nothing(images)
+        _show_look(kernels, scene, look, rays, network, beams, images, share)
         return
     samples = visible_samples(scene, rays, network)
     if not len(samples):
@@ -215,6 +267,17 @@ def _render_rays(
     _show(samples, sigma, (colour, distance, of), max(len(scene.regions), 1), scene.occupancy.box.size, images)
     if share is not None:
         share.copy_(face_shares(scene, samples, sigma, of))
+
+
+def _show_look(
+    kernels: ImageKernels, scene: Model, look: Look | None, rays: Rays, network: str, beams: Callable[[], Beams],
+    images: tuple[Tensor, Tensor, Tensor], share: Tensor | None,
+) -> None:  # fmt: skip
+    """Draw rays of which a look is known; None empties their pixels."""
+    if look is not None:
+        draw(kernels, scene, look, rays, network, beams, images, share)
+    else:
+        show_nothing(images)
 
 
 def _show(

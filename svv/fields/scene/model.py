@@ -43,6 +43,9 @@ S = TypeVar("S", bound="Model")
 NETWORKS = ("base", "pcn", "styled")
 """Names of a scene's networks, the plainest first."""
 
+MOST_VERTICES_A_CELL = 4
+"""Most vertices along a cell whose colours images interpolate."""
+
 JOINED_WEIGHT = 1.0 / 64.0
 """Weight in the pixel up to which samples are joined: halves the colours evaluated in a translucent scene at a cost of
 0.02 dB (an opaque one: 0.07 dB); 1/32 would cost 0.1 to 0.2 dB."""
@@ -90,6 +93,9 @@ class Model:
     """Sample distance of images, as a multiple of the training step; chosen by :mod:`svv.train.base.sampling`."""
     joined: float = JOINED_WEIGHT
     """Weight in a pixel up to which samples are joined; chosen by :mod:`svv.train.base.sampling`."""
+    vertices_a_cell: int = 0
+    """Vertices along each cell of the finest features whose colours images interpolate where they can
+    (:mod:`svv.fields.scene.vertices`); 0 computes the colour of every sample. Chosen by the same."""
     kept: KeptValues | None = None
     """Its volume's values, to be read off; None for a scene that has ``steps``, or was trained without keeping them."""
 

@@ -13,7 +13,7 @@ from torch import nn
 
 from svv.core.colour.light import COEFFICIENTS, Lamp
 from svv.core.geometry.cameras import CameraRig
-from svv.core.json_values import number_in, text_in
+from svv.core.json_values import number_in, text_in, whole_in
 from svv.errors import BadInput, is_lack_of_memory
 from svv.fields.radiance.encodings import Encoding, SparseLattice
 from svv.fields.radiance.kept_values import KeptValues
@@ -27,7 +27,7 @@ from svv.fields.scene.doubt import told_in_words
 from svv.fields.scene.expected import ExpectedErrors
 from svv.fields.scene.history import History, cuts_in
 from svv.fields.scene.joined import members
-from svv.fields.scene.model import NETWORKS, Model, S, Variant, own_networks
+from svv.fields.scene.model import MOST_VERTICES_A_CELL, NETWORKS, Model, S, Variant, own_networks
 from svv.fields.scene.parts import FINEST, Parts, counted
 from svv.fields.scene.region import Region, of_layer
 from svv.fields.scene.scene_validation import box_of, check_finite, check_sizes, occupied_of, settings_of, values_of
@@ -54,6 +54,7 @@ def arrays_of(  # long: one record
         "settings": scene.settings.to_json(),
         "marching": {k: getattr(scene.marching, k) for k in ("step", "least_weight", "stop")},
         "images": {"stride": scene.stride, "joined": scene.joined},
+        "vertices_a_cell": scene.vertices_a_cell,
         "normal_resolutions": _normal_resolutions(scene),
         "lamp": scene.lamp.to_json(),
         "cuts": [vars(cut) for cut in scene.cuts],
@@ -230,6 +231,9 @@ def _alone(kind: type[S], header: dict[str, Any], tensors: Arrays) -> S:  # long
     images = values_of(Model, header.get("images", {}))
     if not (marching.step > 0.0 and images.get("stride", 1.0) > 0.0):
         raise ValueError("the distance of samples is not above 0")
+    images["vertices_a_cell"] = whole_in(header.get("vertices_a_cell", 0), "vertices_a_cell")
+    if not 0 <= images["vertices_a_cell"] <= MOST_VERTICES_A_CELL:
+        raise ValueError(f"a cell has 0 to {MOST_VERTICES_A_CELL} vertices, not {images['vertices_a_cell']}")
     expected = None
     if "expected" in header:
         expected = ExpectedErrors.from_file(header["expected"], tensors["expected.level"], occupancy)

@@ -14,6 +14,7 @@ from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from typing import Protocol, TypeVar, cast
 
 from torch import Tensor
 
@@ -64,8 +65,18 @@ class Look:
         return sum(t.numel() * t.element_size() for t in tensors if t is not None)
 
 
-Looks = dict[int, Look | None]
-"""First pixel of a chunk of rays -> its look, None if nothing is visible."""
+class Kept(Protocol):
+    """What is kept of some rays: a look, or several."""
+
+    @property
+    def bytes(self) -> int:
+        """Memory that it takes."""
+
+
+Looks = dict[int, Kept | None]
+"""First pixel of a chunk of rays -> what is kept of it, None if nothing is visible."""
+
+L = TypeVar("L", bound=Kept | None)
 
 
 class ViewCache:
@@ -171,7 +182,7 @@ class View:
             self._looks = {}
         self._complete = bool(self._looks)
 
-    def look(self, first: int, make: Callable[[], Look | None]) -> Look | None:
+    def look(self, first: int, make: Callable[[], L]) -> L:
         """Return the look of the chunk that begins with a pixel, made if it is not known."""
         if self._looks is None:
             return make()
@@ -181,7 +192,7 @@ class View:
             if self._bytes > KEPT.most:
                 self._looks = None
             return look
-        return self._looks[first]
+        return cast(L, self._looks[first])
 
     def drawn(self) -> None:
         """Keep the view, which is complete."""
@@ -211,7 +222,7 @@ def key_of(scene: Model, camera: Camera, how: Marching) -> Hashable | None:
     holders, versions = (scene.occupancy, *tensors), tuple(t._version for t in tensors)
     place = camera.camera_to_world.tobytes(), camera.fov_x, camera.width, camera.height, camera.span_x, camera.centre
     whole = tuple(cut for cut in scene.cuts if not cut.regions), key_of_open_cells(scene)
-    return tuple(map(_number_of, holders)), versions, place, how, scene.settings.headlight, whole
+    return tuple(map(_number_of, holders)), versions, place, how, scene.settings.headlight, whole, scene.vertices_a_cell
 
 
 def key_of_paint(scene: Model, network: str) -> Hashable | None:

@@ -22,6 +22,7 @@ from svv.kernels.numba import marching as numba_marching
 from svv.kernels.numba import operations, packets
 from svv.kernels.numba import rays as numba_rays
 from svv.kernels.numba import regions as numba_regions
+from svv.kernels.numba import vertices as numba_vertices
 from svv.kernels.numba.operations import directions_of_samples as directions_of_samples
 from svv.kernels.numba.operations import lattice_backward as lattice_backward
 from svv.kernels.numba.operations import lattice_encode as lattice_encode
@@ -38,6 +39,7 @@ from svv.kernels.types import (
     StrokeKernels,
     TomographyKernels,
     TrainingKernels,
+    VertexKernels,
 )
 
 NAME = "numba"
@@ -48,6 +50,7 @@ SAMPLES = 1 << 14
 """Samples at a time: few enough that activations stay in the CPU cache."""
 IMAGE: ImageKernels | None = numba_image
 STROKES: StrokeKernels | None = None
+VERTICES: VertexKernels | None = numba_vertices
 TOMOGRAPHY: TomographyKernels | None = None
 REGIONS: RegionKernels = numba_regions
 TRAINING: TrainingKernels | None = numba_learning

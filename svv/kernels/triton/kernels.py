@@ -34,6 +34,7 @@ from svv.kernels.types import (
     StrokeKernels,
     TomographyKernels,
     TrainingKernels,
+    VertexKernels,
 )
 
 NAME = "triton"
@@ -56,6 +57,7 @@ SAMPLES = 1 << 18
 """Samples at a time: enough to fill the GPU."""
 IMAGE: ImageKernels | None = triton_drawn
 STROKES: StrokeKernels | None = triton_painted
+VERTICES: VertexKernels | None = None
 TOMOGRAPHY: TomographyKernels | None = triton_tomography
 REGIONS: RegionKernels = triton_regions
 TRAINING: TrainingKernels | None = triton_learning

@@ -1,4 +1,4 @@
-"""Choice of the smallest number of samples with which a scene's images stay the same to the eye."""
+"""Choice of the smallest number of samples, and of colours, with which a scene's images stay the same to the eye."""
 
 from __future__ import annotations
 
@@ -6,11 +6,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from svv.core.colour.colour import WHITE, over
 from svv.core.geometry.cameras import Camera
+from svv.core.images.metrics import on_white
+from svv.fields.scene.images import render_pixels
 from svv.fields.scene.model import JOINED_WEIGHT
 from svv.fields.scene.scene import Scene
+from svv.fields.scene.vertices import vertex_kernels_of
+from svv.io.views.viewset import ViewSet
 
 GOOD_ENOUGH = 48.13
 """Required PSNR in dB relative to images with all samples: a root-mean-square error of one of 255 levels."""
@@ -30,6 +36,16 @@ CHOICES = (
 
 SIZE = 128
 """Width in pixels of the test images."""
+
+TRIED = (1, 2)
+"""Vertices along each cell of the finest features that are tried in turn."""
+
+LOST = 1.03
+"""Squared error of images whose colours are interpolated, relative to that of others, up to which they are good enough:
+0.13 dB."""
+
+COMPARED, SIDE = 3, 64
+"""Views in which that is tried, and pixels along a side of the raster of those that are."""
 
 
 def with_fewest_samples(scene: Scene, cameras: Sequence[Camera]) -> tuple[Scene, str]:
@@ -58,3 +74,36 @@ def with_fewest_samples(scene: Scene, cameras: Sequence[Camera]) -> tuple[Scene,
         if psnr >= needed:
             return coarse, f"images use {found}: {psnr:.1f} dB relative to images with all samples"
     return finest, f"images use all samples: {found}, would give only {psnr:.1f} dB relative to these"
+
+
+def with_fewest(scene: Scene, views: ViewSet) -> tuple[Scene, str]:
+    """Return the scene with the fewest samples and colours with which its images stay the same, and the reason."""
+    found, samples = with_fewest_samples(replace(scene, vertices_a_cell=0), views.cameras)
+    found = with_vertices(found, views)
+    count = found.vertices_a_cell
+    along = "a vertex" if count == 1 else f"{count} vertices"
+    return found, samples + (f"; they may interpolate colours between {along} a cell of the features" if count else "")
+
+
+def with_vertices(scene: Scene, views: ViewSet) -> Scene:
+    """Return the scene with the fewest vertices from which images interpolate colours and lose no more than ``LOST``.
+
+    Views tell that, at pixels of a raster. Without such vertices, the colours of samples are not interpolated.
+    """
+    chosen = [k * len(views) // COMPARED for k in range(COMPARED)]
+    height, width = views.images.shape[1:3]
+    rows, columns = (
+        np.unique(np.linspace(0, side - 1, min(side, SIDE)).round().astype(int)) for side in (height, width)
+    )
+    pixels = (rows[:, None] * width + columns).ravel()
+    seen = np.stack([views.images[k].reshape(-1, 4)[pixels] for k in chosen])
+
+    def error(scene: Scene) -> float:
+        drawn = [render_pixels(scene, views.cameras[k], torch.from_numpy(pixels), "pcn") for k in chosen]
+        return float(np.square(over(np.stack(drawn), WHITE) - on_white(seen)).mean())
+
+    drawn_from = [replace(scene, vertices_a_cell=tried) for tried in TRIED]
+    if vertex_kernels_of(drawn_from[0], "pcn") is None:
+        return scene
+    most = LOST * error(scene)
+    return next((found for found in drawn_from if error(found) <= most), scene)

@@ -1,0 +1,153 @@
+"""Images whose colours are computed at vertices of a grid near the samples, and interpolated between them.
+
+Colours and light vary more slowly than extinction, so a grid with one or two vertices along each cell of the finest
+features shows the same (:mod:`svv.train.base.sampling` tries it), at a fraction of what networks take at all samples.
+Whatever has sharp edges in space is drawn with the colours of every sample: paint, cuts of some regions, faces of
+sections, parts of regions, shadows, MatCaps, highlights of an explicit light.
+
+Letters: S samples, V vertices.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from svv.core.geometry.cameras import Camera
+from svv.fields.radiance.encodings import SparseLattice
+from svv.fields.radiance.phong import Beams
+from svv.fields.radiance.rendering import Rays
+from svv.fields.scene.image import image_kernels_of, look_at, shade
+from svv.fields.scene.model import Model
+from svv.fields.scene.occlusion import is_occluded
+from svv.fields.scene.sections import has_section_lines, is_sectioned
+from svv.fields.scene.view_cache import Look
+from svv.kernels.constants import numbers_on
+from svv.kernels.dispatch import kernels_for
+from svv.kernels.types import ImageKernels, Samples, VertexKernels
+
+MOST_PLACES = 1 << 25
+"""Most vertices of the whole grid, visible or not, of which the numbers take 4 bytes each."""
+
+PAYS = 0.8
+"""Vertices per sample up to which they pay: a sample's look-up takes a fifth of its networks' time."""
+
+Images = tuple[Tensor, Tensor, Tensor]
+
+
+@dataclass(frozen=True)
+class VertexLook:
+    """What the networks say of the vertices around the samples of some rays."""
+
+    pieces: tuple[Samples, ...]
+    """Samples of the rays, a chunk of rays each."""
+    rows: Tensor
+    """Number of each vertex, from :meth:`svv.kernels.types.VertexKernels.touched`. (X, Y, Z)"""
+    look: Look
+    """What the networks say of them; its ``samples`` are the vertices, on rays that do not matter."""
+
+    @property
+    def bytes(self) -> int:
+        """Memory that it takes."""
+        numbers = 8 * sum(len(piece) for piece in self.pieces) + self.rows.numel()
+        return self.look.bytes + 4 * numbers
+
+
+@dataclass(frozen=True)
+class SampleLooks:
+    """What the networks say of the samples of chunks of rays, each; None for those that see nothing."""
+
+    each: tuple[Look | None, ...]
+
+    @property
+    def bytes(self) -> int:
+        """Memory that they take."""
+        return sum(look.bytes for look in self.each if look is not None)
+
+
+def vertex_kernels_of(scene: Model, network: str) -> VertexKernels | None:
+    """Return the kernels that draw the scene from its vertices; None if it shows what has sharp edges."""
+    palette = scene.palette_network
+    if scene.vertices_a_cell == 0 or network != "pcn" or palette is None or image_kernels_of(scene) is None:
+        return None
+    sharp = palette.phong is not None or scene.lamp.shadow > 0.0 or (scene.parts is not None and scene.parts.active)
+    sharp = sharp or is_sectioned(scene) or has_section_lines(scene) or is_occluded(scene)
+    sharp = sharp or any(cut.regions for cut in scene.cuts)
+    sharp = sharp or any(r.matcap is not None or r.seen_opacity == 0.0 for r in scene.regions)
+    assert isinstance(scene.base.encoding, SparseLattice)
+    return None if sharp or _places(scene) > MOST_PLACES else kernels_for(scene.base.encoding.table).VERTICES
+
+
+def look_at_vertices(
+    vertices: VertexKernels,
+    images: ImageKernels,
+    scene: Model,
+    camera: Camera,
+    found: Sequence[tuple[Samples, Rays]],
+    always: bool,
+) -> VertexLook | SampleLooks:
+    """Return what the networks say of the vertices around the samples of a camera's rays, or of these samples.
+
+    The latter, unless it is ``always`` the former, if vertices do not pay.
+    """
+    pieces = tuple(samples for samples, _ in found)
+    positions = [samples.position for samples in pieces]
+    around = vertices.touched(positions, _shape(scene), _scale(scene), math.inf if always else PAYS)
+    if around is None or not len(around[1]):
+        return SampleLooks(tuple(look_at(images, scene, samples, rays) for samples, rays in found))
+    rows, position = around
+    look = look_at(images, scene, _alone(position), _towards(scene, camera, position, found[0][1]))
+    assert look is not None
+    return VertexLook(pieces, rows, look)
+
+
+def draw_from_vertices(
+    vertices: VertexKernels, images: ImageKernels, scene: Model, camera: Camera, look: VertexLook,
+    drawn: Sequence[tuple[Rays, Images]],
+) -> None:  # fmt: skip
+    """Render chunks of rays, of whose samples there is a look, into RGBA (R, 4), depth (R,) and region (R,) of each."""
+    beams = partial(Beams.of, scene.lamp, camera, drawn[0][0])
+    surface, _ = shade(images, scene, look.look, "pcn", beams)
+    opacity = numbers_on([r.seen_opacity for r in scene.regions], surface.colour.device)[surface.region]
+    pieces = [(samples, rays.origins, into) for samples, (rays, into) in zip(look.pieces, drawn, strict=True)]
+    colours = surface.colour, opacity, surface.region
+    vertices.composite(pieces, look.rows, _scale(scene), colours, len(scene.regions), scene.occupancy.box.size)
+
+
+def _alone(position: Tensor) -> Samples:
+    """Return positions (V, 3) as samples, each on a ray of its own."""
+    count, zeros = len(position), torch.zeros(len(position))
+    number = torch.arange(count)
+    return Samples(position, zeros, zeros, number.int(), number, torch.ones_like(number), zeros, 1.0)
+
+
+def _towards(scene: Model, camera: Camera, position: Tensor, rays: Rays) -> Rays:
+    """Return the rays of a camera through positions (V, 3), by which a light at the camera shines on them."""
+    if rays.axes is not None or camera.is_orthographic:
+        along = rays.lit_along[:1].expand(len(position), 3)
+    else:
+        along = torch.nn.functional.normalize(position - rays.origins[:1], dim=1)
+    return Rays(position, along, along)
+
+
+def _scale(scene: Model) -> float:
+    """Return the vertices of the grid per box unit."""
+    assert isinstance(scene.base.encoding, SparseLattice)
+    return scene.vertices_a_cell * float(scene.base.encoding.layout.scales[-1])
+
+
+def _shape(scene: Model) -> tuple[int, int, int]:
+    """Return the number of vertices of the grid along x, y and z."""
+    assert isinstance(scene.base.encoding, SparseLattice)
+    x, y, z = (scene.vertices_a_cell * (n - 1) + 1 for n in scene.base.encoding.layout.shapes[-1].tolist())
+    return x, y, z
+
+
+def _places(scene: Model) -> int:
+    x, y, z = _shape(scene)
+    return x * y * z

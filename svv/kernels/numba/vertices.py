@@ -1,0 +1,229 @@
+"""Images whose colours are computed at the vertices of a grid and interpolated between these, compiled with numba.
+
+A view has many more samples than vertices near them, so networks, edits and light cost little: what is left for each
+sample is one look-up. The functions after the loops are those of :class:`svv.kernels.types.VertexKernels`.
+
+Letters: S samples, R rays, V vertices that samples touch, (X, Y, Z) vertices of the grid.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numba import njit, prange
+from torch import Tensor
+
+from svv.core.fast_math import FAST_MATH
+from svv.core.lanes import (
+    LANES,
+    as_floats,
+    exp,
+    gather,
+    lane_numbers,
+    load,
+    minimum,
+    select,
+    splat,
+    store,
+    truncated,
+)
+from svv.core.rays.compositing import LEAST_ALPHA
+from svv.kernels.numba.marching import RAYS_A_BLOCK
+from svv.kernels.numba.trilinear import ONE32
+from svv.kernels.types import Samples
+
+ZERO32, HALF32, LEAST_SHARE = np.float32(0.0), np.float32(0.5), np.float32(1e-6)
+
+EACH = 4
+"""Numbers of a vertex: its colour times its opacity, and that opacity."""
+
+
+ALONE = 1.5
+"""Times as many vertices per position as are too many of all sets that are too many of the first: others share some."""
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _cell(x, scale, last):  # type: ignore[no-untyped-def]
+    """Return the cell of a coordinate along an axis, and the offset in it."""
+    f = x * scale
+    i = min(int(f), last)
+    return i, f - np.float32(i)
+
+
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
+def _touch(position, scale, touched):  # type: ignore[no-untyped-def]
+    """Mark the vertices (X, Y, Z) of the cells of samples (S, 3); several threads may write the same 1."""
+    nx, ny, nz = touched.shape[0] - 2, touched.shape[1] - 2, touched.shape[2] - 2
+    for s in prange(len(position)):
+        i, _ = _cell(position[s, 0], scale, nx)
+        j, _ = _cell(position[s, 1], scale, ny)
+        k, _ = _cell(position[s, 2], scale, nz)
+        if touched[i, j, k] < 2:  # 2: all eight are marked
+            for a in range(2):
+                for b in range(2):
+                    for c in range(2):
+                        touched[i + a, j + b, k + c] = max(touched[i + a, j + b, k + c], 1)
+            touched[i, j, k] = 2
+
+
+@njit(parallel=True, cache=True)
+def _count(touched, number):  # type: ignore[no-untyped-def]
+    """Count the marked vertices of each slice in x."""
+    for x in prange(touched.shape[0]):
+        total = 0
+        for y in range(touched.shape[1]):
+            for z in range(touched.shape[2]):
+                total += touched[x, y, z] > 0
+        number[x] = total
+
+
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
+def _number(touched, first, side, rows, position):  # type: ignore[no-untyped-def]
+    """Number the marked vertices in raster order, in ``rows`` (X, Y, Z), and write their positions (V, 3)."""
+    for x in prange(touched.shape[0]):
+        row = first[x]
+        for y in range(touched.shape[1]):
+            for z in range(touched.shape[2]):
+                if touched[x, y, z] > 0:
+                    rows[x, y, z] = row
+                    position[row, 0] = np.float32(x) * side
+                    position[row, 1] = np.float32(y) * side
+                    position[row, 2] = np.float32(z) * side
+                    row += 1
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _cells(position, at, scale, last):  # type: ignore[no-untyped-def]
+    """Return the cells of coordinates along an axis, and the offsets in them, of as many samples as there are lanes."""
+    f = gather(position, at) * scale
+    i = minimum(truncated(f), splat(last))
+    return i, f - as_floats(i)
+
+
+@njit(fastmath=FAST_MATH, cache=True)
+def _look_up(first, position, rows, scale, table, region, found, of):  # type: ignore[no-untyped-def]
+    """Write the means of ``table`` around the samples from ``first`` on, ``found`` (N, EACH), and their regions (N,).
+
+    ``position``: as one row of numbers; ``table`` has a row of :data:`LANES` numbers more.
+    """
+    ny, nz, count, total = rows.shape[1], rows.shape[2], len(of), len(position) // 3
+    ends = np.int32(rows.shape[0] - 2), np.int32(ny - 2), np.int32(nz - 2)
+    corner, near, weight = np.empty((4, LANES), np.int32), np.empty(LANES, np.int32), np.empty((6, LANES), np.float32)
+    mean = np.empty(LANES, np.float32)
+    for block in range(0, count, LANES):
+        at = minimum(lane_numbers() + (first + block), splat(np.int32(total - 1))) * 3
+        i, wx = _cells(position, at, scale, ends[0])
+        j, wy = _cells(position, at + 1, scale, ends[1])
+        k, wz = _cells(position, at + 2, scale, ends[2])
+        place, ux, uy = (i * ny + j) * nz + k, ONE32 - wx, ONE32 - wy
+        a, b = gather(rows, place), gather(rows, place + nz)
+        c, d = gather(rows, place + ny * nz), gather(rows, place + (ny * nz + nz))
+        for n, each in enumerate((a, b, c, d)):
+            store(corner, n * LANES, each)
+        for n, each in enumerate((ux * uy, ux * wy, wx * uy, wx * wy, ONE32 - wz, wz)):
+            store(weight, n * LANES, each)
+        right = wy > HALF32
+        nearest = select(wx > HALF32, select(right, d, c), select(right, b, a))
+        store(near, 0, nearest + select(wz > HALF32, splat(np.int32(1)), splat(np.int32(0))))
+        for lane in range(min(LANES, count - block)):
+            row = splat(weight[0, lane]) * load(table, np.int64(corner[0, lane]) * EACH)
+            row = row + splat(weight[1, lane]) * load(table, np.int64(corner[1, lane]) * EACH)
+            row = row + splat(weight[2, lane]) * load(table, np.int64(corner[2, lane]) * EACH)
+            store(mean, 0, row + splat(weight[3, lane]) * load(table, np.int64(corner[3, lane]) * EACH))
+            for f in range(EACH):
+                found[block + lane, f] = weight[4, lane] * mean[f] + weight[5, lane] * mean[EACH + f]
+            of[block + lane] = region[np.uint64(near[lane])]
+
+
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
+def _composite(  # type: ignore[no-untyped-def]
+    position, sigma, skipped, rows, scale, table, region, regions, origins, start, count, tail, step, size, faint,
+    rgba, depth, seen,
+):  # fmt: skip
+    """Write the pixels of rays as :func:`svv.kernels.numba.image._composite` does, from ``table`` (V * EACH,).
+
+    A sample's opacity is interpolated between vertices, and its colour in proportion to theirs. Its region is that of
+    the nearest vertex, ``region`` (V,), of ``regions``.
+    """
+    rays = start.shape[0]
+    for block in prange((rays + RAYS_A_BLOCK - 1) // RAYS_A_BLOCK):
+        begin, end = block * RAYS_A_BLOCK, min(rays, (block + 1) * RAYS_A_BLOCK)
+        first = start[begin]
+        total = start[end - 1] + count[end - 1] - first
+        wide = -(-total // LANES) * LANES
+        shares, found = np.zeros(regions, np.float32), np.empty((total, EACH), np.float32)
+        through, of = np.zeros(wide, np.float32), np.empty(total, np.uint8)
+        _look_up(first, position, rows, scale, table, region, found, of)
+        for n in range(total):
+            through[n] = -sigma[first + n] * found[n, 3] * step
+        for n in range(0, wide, LANES):
+            store(through, n, exp(load(through, n)))
+        for r in range(begin, end):
+            t, red, green, blue, far = ONE32, ZERO32, ZERO32, ZERO32, ZERO32
+            shares[:] = ZERO32
+            for n in range(start[r] - first, start[r] - first + count[r]):
+                at = first + n
+                if skipped[at] > ZERO32:
+                    t *= np.exp(-skipped[at])
+                w = t * (ONE32 - through[n])
+                own = w / max(found[n, 3], LEAST_SHARE)
+                red += own * found[n, 0]
+                green += own * found[n, 1]
+                blue += own * found[n, 2]
+                x = position[3 * at] - origins[r, 0]
+                y = position[3 * at + 1] - origins[r, 1]
+                z = position[3 * at + 2] - origins[r, 2]
+                far += w * math.sqrt(x * x + y * y + z * z)
+                shares[of[n]] += w
+                t *= through[n]
+            alpha = ONE32 - t * np.exp(-tail[r])
+            if alpha > faint:
+                back = ONE32 / alpha
+                rgba[r, 0] = min(max(red * back, ZERO32), ONE32)
+                rgba[r, 1] = min(max(green * back, ZERO32), ONE32)
+                rgba[r, 2] = min(max(blue * back, ZERO32), ONE32)
+                rgba[r, 3] = alpha
+                depth[r] = far * back * size
+                seen[r] = np.argmax(shares)
+            else:
+                rgba[r] = ZERO32
+                depth[r] = np.float32(np.nan)
+                seen[r] = -1
+
+
+def touched(
+    positions: Sequence[Tensor], shape: tuple[int, int, int], scale: float, most: float
+) -> tuple[Tensor, Tensor] | None:
+    marks, number, count = np.zeros(shape, np.uint8), np.empty(shape[0], np.int64), 0
+    for n, each in enumerate(positions):
+        _touch(each.numpy(), np.float32(scale), marks)
+        count += len(each)
+        last = n + 1 == len(positions)
+        if n == 0 or last:
+            _count(marks, number)
+            if number.sum() > (1.0 if last else ALONE) * most * count:
+                return None
+    rows, position = torch.empty(shape, dtype=torch.int32), torch.empty(int(number.sum()), 3)
+    _number(marks, np.cumsum(number) - number, np.float32(1.0 / scale), rows.numpy(), position.numpy())
+    return rows, position
+
+
+def composite(
+    pieces: Sequence[tuple[Samples, Tensor, tuple[Tensor, Tensor, Tensor]]], rows: Tensor, scale: float,
+    colours: tuple[Tensor, Tensor, Tensor], regions: int, size: float,
+) -> None:  # fmt: skip
+    colour, opacity, region = colours
+    table = torch.zeros(len(colour) + LANES // EACH, EACH)
+    torch.mul(colour, opacity[:, None], out=table[: len(colour), :3])
+    table[: len(colour), 3] = opacity
+    of = region.to(torch.uint8).numpy()
+    for samples, origins, images in pieces:
+        _composite(
+            samples.position.numpy().ravel(), samples.sigma.numpy(), samples.skipped.numpy(), rows.numpy(),
+            np.float32(scale), table.numpy().ravel(), of, regions, origins.numpy(), samples.start.numpy(),
+            samples.count.numpy(), samples.tail.numpy(), np.float32(samples.step), np.float32(size),
+            np.float32(LEAST_ALPHA), *(image.numpy() for image in images),
+        )  # fmt: skip

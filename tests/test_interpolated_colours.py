@@ -1,0 +1,204 @@
+"""Images whose colours are interpolated between vertices: as those of all samples, where that is what they show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from svv.core.colour.colour import WHITE, over
+from svv.core.geometry.cameras import Camera
+from svv.core.geometry.cuts import Cut
+from svv.errors import BadInput
+from svv.fields.devices.kernel_checks import random_samples
+from svv.fields.scene.images import render_pixels
+from svv.fields.scene.scene import Rendering, Scene
+from svv.fields.scene.vertices import vertex_kernels_of
+from svv.io.views.viewset import ViewSet
+from svv.kernels.numba import image, vertices
+from svv.kernels.types import Surface
+from svv.render.frames import orbit
+from svv.train.base.sampling import with_vertices
+from tests.cube import cube_camera, cube_paint, cube_scene, lit_cube_scene
+
+SHAPE, SCALE = (5, 7, 6), 6.0
+
+
+def positions(seed: int, count: int) -> torch.Tensor:
+    """Places in the box of the grid, some on its vertices and at its end."""
+    generator = torch.Generator().manual_seed(seed)
+    end = (torch.tensor(SHAPE) - 1) / SCALE
+    found = torch.rand(count, 3, generator=generator) * end
+    snapped = torch.rand(count, generator=generator) < 0.2
+    return torch.where(snapped[:, None], torch.round(found * SCALE) / SCALE, found)
+
+
+@given(st.integers(0, 1 << 30), st.lists(st.integers(0, 40), min_size=1, max_size=3))
+def test_vertices_are_those_of_the_cells_of_samples(seed: int, counts: list[int]) -> None:
+    sets = [positions(seed + k, count) for k, count in enumerate(counts)]
+    found = vertices.touched(sets, SHAPE, SCALE, np.inf)
+    assert found is not None
+    rows, place = found
+    cells = np.minimum((torch.cat(sets).numpy() * np.float32(SCALE)).astype(int), np.array(SHAPE) - 2)
+    own = np.unique((cells[:, None] + np.indices((2, 2, 2)).reshape(3, 8).T).reshape(-1, 3), axis=0)
+    np.testing.assert_allclose(place.numpy() * SCALE, own, atol=1e-5)
+    np.testing.assert_array_equal(rows.numpy()[tuple(own.T)], np.arange(len(own)))
+    if len(cells):
+        assert vertices.touched(sets, SHAPE, SCALE, 0.99 * len(own) / sum(counts)) is None
+
+
+@given(st.integers(0, 1 << 30), st.lists(st.integers(0, 9), min_size=1, max_size=200))
+def test_colours_that_vary_linearly_are_those_of_samples(seed: int, counts: list[int]) -> None:
+    samples = random_samples(counts, seed)
+    samples = replace(samples, position=positions(seed, len(samples)), sigma=4.0 * samples.sigma)
+    generator = torch.Generator().manual_seed(seed)
+    slope, origins = 0.2 * torch.rand(3, 3, generator=generator), torch.rand(len(counts), 3, generator=generator)
+    opacity = torch.tensor([0.6])
+
+    def images() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        return torch.empty(len(counts), 4), torch.empty(len(counts)), torch.empty(len(counts), dtype=torch.int16)
+
+    def surface(position: torch.Tensor) -> Surface:
+        colour = 0.2 + position @ slope
+        return Surface(colour, torch.zeros(len(position), dtype=torch.int64), colour)
+
+    found = vertices.touched([samples.position], SHAPE, SCALE, np.inf)
+    assert found is not None
+    rows, place = found
+    at, drawn, exact = surface(place), images(), images()
+    colours = at.colour, opacity.expand(len(place)), at.region
+    vertices.composite([(samples, origins, drawn)], rows, SCALE, colours, 1, 2.0)
+    image.composite(samples, samples.sigma, surface(samples.position), opacity, origins, 2.0, exact)
+    for one, other in zip(drawn, exact, strict=True):
+        np.testing.assert_allclose(one.numpy(), other.numpy(), rtol=1e-4, atol=2e-6)
+
+
+def test_what_is_nearly_transparent_does_not_tint_its_neighbours() -> None:
+    """Half the vertices are red and faint, the others blue: between them, it is as blue as they are."""
+    position = torch.tensor([[0.5 / SCALE] * 3])
+    samples = replace(random_samples([1], 0), position=position, sigma=torch.tensor([1e4]), skipped=torch.zeros(1))
+    found = vertices.touched([position], SHAPE, SCALE, np.inf)
+    assert found is not None
+    red = torch.arange(8) < 4
+    colour = torch.where(red[:, None], torch.tensor([1.0, 0.0, 0.0]), torch.tensor([0.0, 0.0, 1.0]))
+    drawn = torch.empty(1, 4), torch.empty(1), torch.empty(1, dtype=torch.int16)
+    opacity = torch.where(red, 1e-3, 1.0)
+    colours = colour, opacity, (~red).long()
+    vertices.composite([(samples, torch.zeros(1, 3), drawn)], found[0], SCALE, colours, 2, 1.0)
+    np.testing.assert_allclose(drawn[0][0].numpy(), [1e-3 / 1.001, 0.0, 1.0 / 1.001, 1.0], atol=1e-5)
+
+
+def smooth_cube(vertices_a_cell: int = 0) -> Scene:
+    """The cube with colours that vary little within a cell, and one direction of light for all or each."""
+    scene = cube_scene()
+    assert scene.palette_network is not None
+    with torch.no_grad():
+        scene.palette_network.encoding.table.mul_(0.1)
+    return replace(scene, vertices_a_cell=vertices_a_cell)
+
+
+def on_white(image: Rendering) -> np.ndarray:
+    return over(image.rgba, WHITE)
+
+
+@pytest.mark.parametrize("headlight", ["axis", "point"])
+def test_more_vertices_come_nearer_to_the_image_of_all_samples(headlight: str) -> None:
+    scene = smooth_cube()
+    scene = replace(scene, settings=replace(scene.settings, headlight=headlight)).edited(1, opacity=0.3)
+    camera = orbit(scene, 9, 200, 200)[2]
+    exact, errors = scene.render(camera), []
+    for count in (1, 2, 4):
+        found = replace(scene, vertices_a_cell=count).render(camera)
+        errors.append(float(np.sqrt(np.square(on_white(found) - on_white(exact)).mean())))
+    assert 0.0 < errors[2] < errors[1] < errors[0] < 0.03
+    assert errors[2] < 0.4 * errors[0]
+
+
+def test_extinction_and_depth_stay_those_of_samples_without_edits_of_opacity() -> None:
+    camera = cube_camera(200)
+    exact, found = (smooth_cube(count).render(camera) for count in (0, 2))
+    np.testing.assert_allclose(found.rgba[..., 3], exact.rgba[..., 3], atol=1e-5)
+    np.testing.assert_allclose(found.depth, exact.depth, rtol=1e-5)
+    assert (found.region != exact.region).mean() < 0.12  # a random one in every cell
+
+
+def painted(scene: Scene) -> Scene:
+    regions = (replace(scene.regions[0], style="noise", strength=0.7), *scene.regions[1:])
+    return replace(scene, styled=cube_paint(scene, 3), regions=regions)
+
+
+SHARP: dict[str, Callable[[Scene], Scene]] = {
+    "paint": painted,
+    "a region cut open": lambda scene: scene.cut("0=x>50%"),
+    "a hidden region": lambda scene: scene.hidden(0),
+    "a face of a section": lambda scene: scene.cut("x>50%").with_section("flat"),
+    "a MatCap": lambda scene: scene.edited(0, matcap="clay"),
+    "a shadow": lambda scene: replace(scene, lamp=replace(scene.lamp, shadow=0.5)),
+    "an explicit light": lambda _: replace(lit_cube_scene(), vertices_a_cell=2),
+    "small pictures": lambda scene: scene,
+}
+
+
+@pytest.mark.parametrize("what", SHARP)
+def test_what_has_sharp_edges_or_few_samples_has_the_colours_of_all_samples(what: str) -> None:
+    scene = SHARP[what](smooth_cube(2))
+    camera = cube_camera(24)
+    exact, found = replace(scene, vertices_a_cell=0).render(camera), scene.render(camera)
+    np.testing.assert_array_equal(found.rgba, exact.rgba)
+    assert (vertex_kernels_of(scene, scene.networks[-1]) is None) == (what != "small pictures")
+
+
+def test_a_view_that_is_kept_shows_edits_as_a_new_one() -> None:
+    scene, camera = smooth_cube(1), cube_camera(200)
+    for network in (scene.base, scene.palette_network):
+        assert network is not None
+        network.requires_grad_(False)
+    for number in range(4):
+        edited = scene.edited(0, lighting=0.5 + 0.1 * number, colour=(0.1 * number, 0.5, 0.3), opacity=0.5)
+        again = replace(edited, occupancy=replace(edited.occupancy))  # of which no view is known
+        np.testing.assert_array_equal(edited.render(camera).rgba, again.render(camera).rgba)
+
+
+def test_a_cut_of_everything_is_drawn_from_vertices_too() -> None:
+    camera = cube_camera(200)
+    exact, found = (
+        replace(smooth_cube(count), cuts=(Cut.parse("x>50%", ((-0.5,) * 3, (0.5,) * 3)),)).render(camera)
+        for count in (0, 2)
+    )
+    np.testing.assert_allclose(found.rgba[..., 3], exact.rgba[..., 3], atol=1e-5)
+    assert 0.0 < np.abs(on_white(found) - on_white(exact)).mean() < 0.01
+
+
+def test_pixels_are_those_of_the_image() -> None:
+    scene, camera = smooth_cube(), cube_camera(60)
+    pixels = torch.arange(7, 3600, 13)
+    whole = scene.render(camera).rgba.reshape(-1, 4)
+    np.testing.assert_allclose(render_pixels(scene, camera, pixels, "pcn"), whole[pixels.numpy()], atol=1e-3)
+
+
+def test_a_scene_file_holds_it_and_refuses_impossible_numbers() -> None:
+    scene = smooth_cube(2)
+    assert Scene.from_bytes(scene.to_bytes()).vertices_a_cell == 2
+    for wrong in (-1, 5):
+        with pytest.raises(BadInput):
+            Scene.from_bytes(replace(scene, vertices_a_cell=wrong).to_bytes())
+
+
+def views_of(scene: Scene) -> ViewSet:
+    cameras: list[Camera] = list(orbit(scene, 4, 120, 120))
+    pictures = np.stack([(255.0 * scene.render(camera).rgba + 0.5).astype(np.uint8) for camera in cameras])
+    return ViewSet(cameras, pictures, [str(k) for k in range(4)])
+
+
+def test_vertices_are_chosen_where_views_stay_as_likely() -> None:
+    """Views of interpolated colours need no others; those of colours that vary within cells need all."""
+    smooth, rough = smooth_cube(1), cube_scene()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("svv.fields.scene.vertices.PAYS", np.inf)
+        assert with_vertices(replace(smooth, vertices_a_cell=0), views_of(smooth)).vertices_a_cell == 1
+    assert with_vertices(rough, views_of(rough)).vertices_a_cell == 0

@@ -32,7 +32,7 @@ from svv.core.lanes import (
 )
 from svv.core.rays.compositing import LEAST_ALPHA
 from svv.kernels.numba.marching import RAYS_A_BLOCK
-from svv.kernels.numba.trilinear import ONE32
+from svv.kernels.numba.trilinear import ONE32, ones_in
 from svv.kernels.types import Samples
 
 ZERO32, HALF32, LEAST_SHARE = np.float32(0.0), np.float32(0.5), np.float32(1e-6)
@@ -40,6 +40,9 @@ ZERO32, HALF32, LEAST_SHARE = np.float32(0.0), np.float32(0.5), np.float32(1e-6)
 EACH = 4
 """Numbers of a vertex: its colour times its opacity, and that opacity."""
 
+
+WORD, EACH_BYTE = 8, np.uint64(0x0101010101010101)
+"""Marks in a word, and a word with the lowest bit of each of its bytes."""
 
 ALONE = 1.5
 """Times as many vertices per position as are too many of all sets that are too many of the first: others share some."""
@@ -54,9 +57,9 @@ def _cell(x, scale, last):  # type: ignore[no-untyped-def]
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
-def _touch(position, scale, touched):  # type: ignore[no-untyped-def]
-    """Mark the vertices (X, Y, Z) of the cells of samples (S, 3); several threads may write the same 1."""
-    nx, ny, nz = touched.shape[0] - 2, touched.shape[1] - 2, touched.shape[2] - 2
+def _touch(position, scale, nz, touched):  # type: ignore[no-untyped-def]
+    """Mark the vertices of the cells of samples (S, 3), ``nz`` the last cell in z; threads may write the same marks."""
+    nx, ny = touched.shape[0] - 2, touched.shape[1] - 2
     for s in prange(len(position)):
         i, _ = _cell(position[s, 0], scale, nx)
         j, _ = _cell(position[s, 1], scale, ny)
@@ -70,29 +73,34 @@ def _touch(position, scale, touched):  # type: ignore[no-untyped-def]
 
 
 @njit(parallel=True, cache=True)
-def _count(touched, number):  # type: ignore[no-untyped-def]
-    """Count the marked vertices of each slice in x."""
-    for x in prange(touched.shape[0]):
-        total = 0
-        for y in range(touched.shape[1]):
-            for z in range(touched.shape[2]):
-                total += touched[x, y, z] > 0
+def _count(words, number):  # type: ignore[no-untyped-def]
+    """Count the marked vertices of each slice in x, eight at a time: :data:`WORD` marks in the bytes of a word."""
+    for x in prange(words.shape[0]):
+        total = np.uint64(0)
+        for y in range(words.shape[1]):
+            for z in range(words.shape[2]):
+                word = words[x, y, z]
+                if word:
+                    total += ones_in((word | (word >> np.uint64(1))) & EACH_BYTE)
         number[x] = total
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
-def _number(touched, first, side, rows, position):  # type: ignore[no-untyped-def]
+def _number(words, touched, first, side, rows, position):  # type: ignore[no-untyped-def]
     """Number the marked vertices in raster order, in ``rows`` (X, Y, Z), and write their positions (V, 3)."""
-    for x in prange(touched.shape[0]):
+    for x in prange(words.shape[0]):
         row = first[x]
-        for y in range(touched.shape[1]):
-            for z in range(touched.shape[2]):
-                if touched[x, y, z] > 0:
-                    rows[x, y, z] = row
-                    position[row, 0] = np.float32(x) * side
-                    position[row, 1] = np.float32(y) * side
-                    position[row, 2] = np.float32(z) * side
-                    row += 1
+        for y in range(words.shape[1]):
+            for word in range(words.shape[2]):
+                if words[x, y, word] == 0:
+                    continue
+                for z in range(WORD * word, min(WORD * (word + 1), rows.shape[2])):
+                    if touched[x, y, z] > 0:
+                        rows[x, y, z] = row
+                        position[row, 0] = np.float32(x) * side
+                        position[row, 1] = np.float32(y) * side
+                        position[row, 2] = np.float32(z) * side
+                        row += 1
 
 
 @njit(fastmath=FAST_MATH, inline="always")
@@ -197,17 +205,18 @@ def _composite(  # type: ignore[no-untyped-def]
 def touched(
     positions: Sequence[Tensor], shape: tuple[int, int, int], scale: float, most: float
 ) -> tuple[Tensor, Tensor] | None:
-    marks, number, count = np.zeros(shape, np.uint8), np.empty(shape[0], np.int64), 0
+    marks = np.zeros((*shape[:2], -(-shape[2] // WORD) * WORD), np.uint8)
+    words, number, count = marks.view(np.uint64), np.empty(shape[0], np.int64), 0
     for n, each in enumerate(positions):
-        _touch(each.numpy(), np.float32(scale), marks)
+        _touch(each.numpy(), np.float32(scale), shape[2] - 2, marks)
         count += len(each)
         last = n + 1 == len(positions)
         if n == 0 or last:
-            _count(marks, number)
+            _count(words, number)
             if number.sum() > (1.0 if last else ALONE) * most * count:
                 return None
     rows, position = torch.empty(shape, dtype=torch.int32), torch.empty(int(number.sum()), 3)
-    _number(marks, np.cumsum(number) - number, np.float32(1.0 / scale), rows.numpy(), position.numpy())
+    _number(words, marks, np.cumsum(number) - number, np.float32(1.0 / scale), rows.numpy(), position.numpy())
     return rows, position
 
 

@@ -6,8 +6,9 @@ the weaker one, as a painter's do along a limb; where a surface is flat or equal
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import torch
@@ -16,6 +17,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from svv.fields.radiance.networks import BaseField
 from svv.fields.radiance.occupancy import Occupancy
+from svv.measure import usable_cpus
 from svv.train.paint.grid_kernels import interpolate
 
 Floats = NDArray[np.float32]
@@ -171,9 +173,11 @@ def grid_cells(occupancy: Occupancy) -> int:
 def form_of_opacity(opacity: Floats, cells: int, up: NDArray[np.float64] | tuple[float, float, float]) -> Form:
     """Return the form of the opacity of grid cells (X, Y, Z), with ``cells`` cells per box unit."""
     scale = cells / CELLS
-    field = gaussian_filter(opacity, BLUR * max(scale, 0.5), mode="constant")  # nothing is beyond the box
+    spreads = [width * max(scale, 0.5) for width in (BLUR, WIDER)]
+    blur = partial(gaussian_filter, opacity, mode="constant")  # nothing is beyond the box
+    with ThreadPoolExecutor(usable_cpus()) as pool:
+        field, filled = pool.map(blur, spreads)
     gradient = np.stack(np.gradient(field)).astype(np.float32)
-    filled = gaussian_filter(opacity, WIDER * max(scale, 0.5), mode="constant")
     return Form(cells, gradient, np.asarray(filled, np.float32), np.asarray(up, np.float64))
 
 
@@ -197,10 +201,12 @@ def stroke_axes(gradient: Floats, spread: float) -> Floats:
     # Half of this angle leads from ``along`` to the larger of mean + span and mean - span: the weaker where mean < 0.
     turn = 0.5 * np.arctan2(shear, half) + np.where(mean < 0.0, 0.0, 0.5 * np.pi)
     axis = np.cos(turn) * along + np.sin(turn) * across
-    total = gaussian_filter(np.where(where, length, 0.0).astype(np.float32), spread)
-    out = np.zeros((6, *where.shape), np.float32)
-    for k, (i, j) in enumerate(SIX):
+
+    def blurred(values: NDArray[np.floating]) -> Floats:
         entry = np.zeros(where.shape, np.float32)
-        entry[where] = decided * axis[i] * axis[j] * size
-        out[k] = gaussian_filter(entry, spread) / np.maximum(total, 1e-9 * float(total.max() or 1.0) + 1e-30)
-    return out
+        entry[where] = values
+        return gaussian_filter(entry, spread)
+
+    with ThreadPoolExecutor(usable_cpus()) as pool:
+        total, *six = pool.map(blurred, [length[where], *(decided * axis[i] * axis[j] * size for i, j in SIX)])
+    return np.stack(six) / np.maximum(total, 1e-9 * float(total.max() or 1.0) + 1e-30)

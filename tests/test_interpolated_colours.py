@@ -18,7 +18,7 @@ from svv.errors import BadInput
 from svv.fields.devices.kernel_checks import random_samples
 from svv.fields.scene.images import render_pixels
 from svv.fields.scene.scene import Rendering, Scene
-from svv.fields.scene.vertices import vertex_kernels_of
+from svv.fields.scene.vertices import is_plain
 from svv.io.views.viewset import ViewSet
 from svv.kernels.numba import image, vertices
 from svv.kernels.types import Surface
@@ -76,6 +76,22 @@ def test_colours_that_vary_linearly_are_those_of_samples(seed: int, counts: list
     image.composite(samples, samples.sigma, surface(samples.position), opacity, origins, 2.0, exact)
     for one, other in zip(drawn, exact, strict=True):
         np.testing.assert_allclose(one.numpy(), other.numpy(), rtol=1e-4, atol=2e-6)
+
+
+@given(st.integers(0, 1 << 30), st.integers(0, 200), st.integers(0, 2), st.integers(1, 40))
+def test_what_networks_say_is_interpolated_trilinearly(seed: int, count: int, lights: int, numbers: int) -> None:
+    """A product of three linear functions is its own trilinear interpolation."""
+    place, generator = positions(seed, count), torch.Generator().manual_seed(seed)
+    found = vertices.touched([place], SHAPE, SCALE, np.inf)
+    assert found is not None
+    slopes, shifts = torch.rand(2, 3, lights + numbers, generator=generator)
+
+    def said(at: torch.Tensor) -> torch.Tensor:
+        return (at[:, :, None] * slopes + shifts).prod(dim=1)
+
+    given_, expected = (said(at).split([lights, numbers], dim=1) for at in (found[1], place))
+    for own, exact in zip(vertices.interpolate(place, found[0], SCALE, *given_), expected, strict=True):
+        np.testing.assert_allclose(own.numpy(), exact.numpy(), rtol=1e-4, atol=1e-5)
 
 
 def test_what_is_nearly_transparent_does_not_tint_its_neighbours() -> None:
@@ -140,28 +156,56 @@ SHARP: dict[str, Callable[[Scene], Scene]] = {
     "a MatCap": lambda scene: scene.edited(0, matcap="clay"),
     "a shadow": lambda scene: replace(scene, lamp=replace(scene.lamp, shadow=0.5)),
     "an explicit light": lambda _: replace(lit_cube_scene(), vertices_a_cell=2),
-    "small pictures": lambda scene: scene,
 }
 
 
 @pytest.mark.parametrize("what", SHARP)
-def test_what_has_sharp_edges_or_few_samples_has_the_colours_of_all_samples(what: str) -> None:
-    scene = SHARP[what](smooth_cube(2))
+def test_edges_in_space_stay_as_sharp_as_samples_are(what: str) -> None:
+    """Only what networks say is interpolated: errors are those of smooth colours, wherever regions begin."""
+    plain, scene = smooth_cube(2), SHARP[what](smooth_cube(2))
+    camera, network = cube_camera(200), scene.networks[-1]
+    assert is_plain(plain, "pcn") and not is_plain(scene, network)
+    exact, found = (
+        one.render(camera) for one in (replace(scene, vertices_a_cell=0, still=False), replace(scene, still=False))
+    )
+    error = np.abs(on_white(found) - on_white(exact))
+    assert 0.0 < error.mean() < 0.004 and (error > 0.1).mean() < 0.01
+
+
+@pytest.mark.parametrize("what", ["plain", *SHARP])
+def test_small_pictures_have_what_networks_say_of_every_sample(what: str) -> None:
+    scene = SHARP.get(what, lambda scene: scene)(smooth_cube(2))
     camera = cube_camera(24)
     exact, found = replace(scene, vertices_a_cell=0).render(camera), scene.render(camera)
     np.testing.assert_array_equal(found.rgba, exact.rgba)
-    assert (vertex_kernels_of(scene, scene.networks[-1]) is None) == (what != "small pictures")
 
 
-def test_a_view_that_is_kept_shows_edits_as_a_new_one() -> None:
-    scene, camera = smooth_cube(1), cube_camera(200)
+def test_a_kept_view_does_not_stay_plain_when_an_edit_has_edges() -> None:
+    scene, camera = frozen(smooth_cube(1)), cube_camera(200)
+    for _ in range(3):
+        scene.render(camera)
+    clay = scene.edited(0, matcap="clay")
+    np.testing.assert_array_equal(clay.render(camera).rgba, anew(clay).render(camera).rgba)
+
+
+def frozen(scene: Scene) -> Scene:
+    """The scene, whose views may be kept."""
     for network in (scene.base, scene.palette_network):
         assert network is not None
         network.requires_grad_(False)
+    return scene
+
+
+def anew(scene: Scene) -> Scene:
+    """The same scene, of which no view is known."""
+    return replace(scene, occupancy=replace(scene.occupancy))
+
+
+def test_a_view_that_is_kept_shows_edits_as_a_new_one() -> None:
+    scene, camera = frozen(smooth_cube(1)), cube_camera(200)
     for number in range(4):
         edited = scene.edited(0, lighting=0.5 + 0.1 * number, colour=(0.1 * number, 0.5, 0.3), opacity=0.5)
-        again = replace(edited, occupancy=replace(edited.occupancy))  # of which no view is known
-        np.testing.assert_array_equal(edited.render(camera).rgba, again.render(camera).rgba)
+        np.testing.assert_array_equal(edited.render(camera).rgba, anew(edited).render(camera).rgba)
 
 
 def test_a_cut_of_everything_is_drawn_from_vertices_too() -> None:
@@ -199,6 +243,6 @@ def test_vertices_are_chosen_where_views_stay_as_likely() -> None:
     """Views of interpolated colours need no others; those of colours that vary within cells need all."""
     smooth, rough = smooth_cube(1), cube_scene()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("svv.fields.scene.vertices.PAYS", np.inf)
+        patch.setattr("svv.fields.scene.vertices.PAYS", dict.fromkeys((True, False), np.inf))
         assert with_vertices(replace(smooth, vertices_a_cell=0), views_of(smooth)).vertices_a_cell == 1
     assert with_vertices(rough, views_of(rough)).vertices_a_cell == 0

@@ -416,6 +416,14 @@ class VertexKernels(Protocol):
         and their positions (V, 3).
         """
 
+    def interpolate(
+        self, position: Tensor, rows: Tensor, scale: float, light: Tensor, raw: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Return what networks say of vertices, ``light`` (V, L) and ``raw`` (V, C), at positions (S, 3) between them.
+
+        ``rows``: from :meth:`touched`. (S, L), (S, C)
+        """
+
     def composite(
         self, pieces: Sequence[tuple[Samples, Tensor, tuple[Tensor, Tensor, Tensor]]], rows: Tensor, scale: float,
         colours: tuple[Tensor, Tensor, Tensor], regions: int, size: float,

@@ -51,6 +51,7 @@ from svv.fields.scene.vertices import (
     SampleLooks,
     VertexLook,
     draw_from_vertices,
+    is_plain,
     look_at_vertices,
     vertex_kernels_of,
 )
@@ -58,7 +59,7 @@ from svv.fields.scene.view_cache import Look, View, key_of
 from svv.fields.strokes.stroke_paint import shared_width
 from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import kernels_of
-from svv.kernels.types import ImageKernels, Samples, VertexKernels
+from svv.kernels.types import ImageKernels, Samples
 
 MOVING_JOINED = 1.0 / 16.0
 """Weight in a pixel up to which a moving scene's samples are joined, unless its own is larger. More, or longer steps,
@@ -185,7 +186,9 @@ def _draw(
     together = Together(scene, camera, network) if scene.layers else None
     caster = scene.caster([camera])
     alone = together is None and network != "base" and image_kernels_of(scene) is not None
-    view = View(key_of(scene, camera, marching_as_edited(scene, network)) if alone else None)
+    vertices = vertex_kernels_of(scene, network) if alone else None
+    drawn_from = None if vertices is None else (scene.vertices_a_cell, is_plain(scene, network))
+    view = View(key_of(scene, camera, marching_as_edited(scene, network), drawn_from) if alone else None)
     pixels, chunk = camera.width * camera.height, kernels_of(scene.device.type).RAYS
     if among is not None:
         in_sight, view = among, View(None)
@@ -193,7 +196,6 @@ def _draw(
         in_sight = caster.in_sight(scene.occupancy) if together is None else together.in_sight()
     in_order = len(in_sight) == pixels  # if so, a chunk is a slice of the images; otherwise it is scattered
     images = (new_images if alone and in_order else empty_images)(pixels, scene.device)
-    vertices = vertex_kernels_of(scene, network) if alone else None
     at_once = chunk if vertices is None else CHUNKS_AT_ONCE * chunk
     for first in range(0, len(in_sight), at_once):
         progress(first / len(in_sight), "rendering")
@@ -205,8 +207,8 @@ def _draw(
             together.draw(own, parts[0], parts[1], parts[2], faces_seen)
         elif vertices is not None:
             chunks = [caster.rays(each) for each in own.split(chunk)]
-            into = parts[0], parts[1], parts[2]
-            _render_from_vertices(scene, vertices, camera, chunks, into, view, first, always=among is not None)
+            into, known = (parts[0], parts[1], parts[2]), partial(view.look, first)
+            _render_from_vertices(scene, camera, chunks, network, into, known, faces_seen, among is not None)
         else:
             rays = caster.rays(own)
             beams = partial(Beams.of, scene.lamp, camera, rays)
@@ -222,27 +224,29 @@ def _draw(
 
 @torch.no_grad()
 def _render_from_vertices(
-    scene: Model, vertices: VertexKernels, camera: Camera, rays: Sequence[Rays], images: tuple[Tensor, Tensor, Tensor],
-    view: View, first: int, always: bool,
+    scene: Model, camera: Camera, rays: Sequence[Rays], network: str, images: tuple[Tensor, Tensor, Tensor],
+    known: Callable[[Callable[[], VertexLook | SampleLooks]], VertexLook | SampleLooks], share: Tensor | None,
+    always: bool,
 ) -> None:  # fmt: skip
-    """Do what :func:`_render_rays` does for chunks of rays of the palette network, from vertices near their samples.
+    """Do what :func:`_render_rays` does for chunks of rays, from what networks say of vertices near their samples.
 
-    ``always``: even if that takes longer.
+    ``known`` returns what was kept of that, or makes it; ``always``: even if vertices take longer than samples.
     """
-    kernels = image_kernels_of(scene)
-    assert kernels is not None
+    kernels, vertices, chunk = image_kernels_of(scene), vertex_kernels_of(scene, network), len(rays[0])
+    assert kernels is not None and vertices is not None
 
     def look() -> VertexLook | SampleLooks:
-        found = [(visible_samples(scene, own, "pcn"), own) for own in rays]
-        return look_at_vertices(vertices, kernels, scene, camera, found, always)
+        found = [(visible_samples(scene, own, network), own) for own in rays]
+        return look_at_vertices(vertices, kernels, scene, camera, found, network, always)
 
-    known, each = view.look(first, look), [image.split(len(rays[0])) for image in images]
-    drawn = list(zip(rays, zip(*each, strict=True), strict=True))
-    if isinstance(known, VertexLook):
-        draw_from_vertices(vertices, kernels, scene, camera, known, drawn)
+    seen, drawn = known(look), list(zip(*(image.split(chunk) for image in images), strict=True))
+    if isinstance(seen, VertexLook):
+        draw_from_vertices(vertices, kernels, scene, camera, seen, list(zip(rays, drawn, strict=True)))
         return
-    for one, (own, into) in zip(known.each, drawn, strict=True):
-        _show_look(kernels, scene, one, own, "pcn", partial(Beams.of, scene.lamp, camera, own), into, None)
+    shares = [None] * len(rays) if share is None else share.split(chunk)
+    for one, own, into, faces_seen in zip(seen.each, rays, drawn, shares, strict=True):
+        beams = partial(Beams.of, scene.lamp, camera, own)
+        _show_look(kernels, scene, one, own, network, beams, into, faces_seen)
 
 
 @torch.no_grad()

@@ -1,9 +1,10 @@
-"""Images whose colours are computed at vertices of a grid near the samples, and interpolated between them.
+"""Images from what networks say of vertices of a grid near the samples, interpolated between these.
 
 Colours and light vary more slowly than extinction, so a grid with one or two vertices along each cell of the finest
 features shows the same (:mod:`svv.train.base.sampling` tries it), at a fraction of what networks take at all samples.
-Whatever has sharp edges in space is drawn with the colours of every sample: paint, cuts of some regions, faces of
-sections, parts of regions, shadows, MatCaps, highlights of an explicit light.
+A plain image interpolates colours, with all edits and lit. Whatever has sharp edges in space - paint, cuts of some
+regions, faces of sections, parts of regions, hidden regions, MatCaps, shadows, highlights - has colours of every sample
+from the networks' interpolated outputs.
 
 Letters: S samples, V vertices.
 """
@@ -34,8 +35,9 @@ from svv.kernels.types import ImageKernels, Samples, VertexKernels
 MOST_PLACES = 1 << 25
 """Most vertices of the whole grid, visible or not, of which the numbers take 4 bytes each."""
 
-PAYS = 0.8
-"""Vertices per sample up to which they pay: a sample's look-up takes a fifth of its networks' time."""
+PAYS = {True: 0.8, False: 0.5}
+"""Vertices per sample up to which they pay in plain images and in others: a look-up of a sample's colour takes a fifth
+of its networks' time, one of all that they say two fifths."""
 
 Images = tuple[Tensor, Tensor, Tensor]
 
@@ -71,39 +73,46 @@ class SampleLooks:
 
 
 def vertex_kernels_of(scene: Model, network: str) -> VertexKernels | None:
-    """Return the kernels that draw the scene from its vertices; None if it shows what has sharp edges."""
-    palette = scene.palette_network
-    if scene.vertices_a_cell == 0 or network != "pcn" or palette is None or image_kernels_of(scene) is None:
+    """Return the kernels that draw the scene from what networks say of vertices; None if it is drawn from samples."""
+    if scene.vertices_a_cell == 0 or network == "base" or image_kernels_of(scene) is None:
         return None
-    sharp = palette.phong is not None or scene.lamp.shadow > 0.0 or (scene.parts is not None and scene.parts.active)
+    assert isinstance(scene.base.encoding, SparseLattice)
+    return None if math.prod(_shape(scene)) > MOST_PLACES else kernels_for(scene.base.encoding.table).VERTICES
+
+
+def is_plain(scene: Model, network: str) -> bool:
+    """Return whether an image of a scene with regions shows nothing that has sharp edges in space."""
+    assert scene.palette_network is not None
+    sharp = network != "pcn" or scene.palette_network.phong is not None or scene.lamp.shadow > 0.0
+    sharp = sharp or (scene.parts is not None and scene.parts.active > 0)
     sharp = sharp or is_sectioned(scene) or has_section_lines(scene) or is_occluded(scene)
     sharp = sharp or any(cut.regions for cut in scene.cuts)
-    sharp = sharp or any(r.matcap is not None or r.seen_opacity == 0.0 for r in scene.regions)
-    assert isinstance(scene.base.encoding, SparseLattice)
-    return None if sharp or _places(scene) > MOST_PLACES else kernels_for(scene.base.encoding.table).VERTICES
+    return not (sharp or any(r.matcap is not None or r.seen_opacity == 0.0 for r in scene.regions))
 
 
 def look_at_vertices(
-    vertices: VertexKernels,
-    images: ImageKernels,
-    scene: Model,
-    camera: Camera,
-    found: Sequence[tuple[Samples, Rays]],
-    always: bool,
-) -> VertexLook | SampleLooks:
+    vertices: VertexKernels, images: ImageKernels, scene: Model, camera: Camera, found: Sequence[tuple[Samples, Rays]],
+    network: str, always: bool,
+) -> VertexLook | SampleLooks:  # fmt: skip
     """Return what the networks say of the vertices around the samples of a camera's rays, or of these samples.
 
-    The latter, unless it is ``always`` the former, if vertices do not pay.
+    The latter if the image is not plain, or, unless vertices are ``always`` taken, if they do not pay.
     """
-    pieces = tuple(samples for samples, _ in found)
+    pieces, plain = tuple(samples for samples, _ in found), is_plain(scene, network)
     positions = [samples.position for samples in pieces]
-    around = vertices.touched(positions, _shape(scene), _scale(scene), math.inf if always else PAYS)
+    around = vertices.touched(positions, _shape(scene), _scale(scene), math.inf if always else PAYS[plain])
     if around is None or not len(around[1]):
         return SampleLooks(tuple(look_at(images, scene, samples, rays) for samples, rays in found))
     rows, position = around
     look = look_at(images, scene, _alone(position), _towards(scene, camera, position, found[0][1]))
     assert look is not None
-    return VertexLook(pieces, rows, look)
+    if plain:
+        return VertexLook(pieces, rows, look)
+    light = look.raw[:, :0] if look.light is None else look.light
+    each = [vertices.interpolate(own, rows, _scale(scene), light, look.raw) for own in positions]
+    lit = look.light is not None
+    looks = (Look(own, raw, light if lit else None) for own, (light, raw) in zip(pieces, each, strict=True))
+    return SampleLooks(tuple(one if len(one.samples) else None for one in looks))
 
 
 def draw_from_vertices(
@@ -146,8 +155,3 @@ def _shape(scene: Model) -> tuple[int, int, int]:
     assert isinstance(scene.base.encoding, SparseLattice)
     x, y, z = (scene.vertices_a_cell * (n - 1) + 1 for n in scene.base.encoding.layout.shapes[-1].tolist())
     return x, y, z
-
-
-def _places(scene: Model) -> int:
-    x, y, z = _shape(scene)
-    return x * y * z

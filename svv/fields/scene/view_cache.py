@@ -209,11 +209,12 @@ def bytes_of(looks: Looks) -> int:
     return sum(look.bytes for look in looks.values() if look is not None)
 
 
-def key_of(scene: Model, camera: Camera, how: Marching) -> Hashable | None:
+def key_of(scene: Model, camera: Camera, how: Marching, drawn_from: Hashable = None) -> Hashable | None:
     """Return what the samples and the networks' outputs of a view depend on; None if they must not be kept.
 
-    That is the networks' tensors with their versions, the occupied cells, the camera, how rays are marched, and what is
-    cut off or hidden. It is not the other edits. Nothing of a network that is being trained is kept.
+    That is the networks' tensors with their versions, the occupied cells, the camera, how rays are marched, what is cut
+    off or hidden, and what it is ``drawn_from``. It is not the other edits. Nothing of a network that is being trained
+    is kept.
     """
     parts = (scene.base, scene.palette_network)
     tensors = [t for part in parts if part is not None for t in part.parameters()]
@@ -222,7 +223,7 @@ def key_of(scene: Model, camera: Camera, how: Marching) -> Hashable | None:
     holders, versions = (scene.occupancy, *tensors), tuple(t._version for t in tensors)
     place = camera.camera_to_world.tobytes(), camera.fov_x, camera.width, camera.height, camera.span_x, camera.centre
     whole = tuple(cut for cut in scene.cuts if not cut.regions), key_of_open_cells(scene)
-    return tuple(map(_number_of, holders)), versions, place, how, scene.settings.headlight, whole, scene.vertices_a_cell
+    return tuple(map(_number_of, holders)), versions, place, how, scene.settings.headlight, whole, drawn_from
 
 
 def key_of_paint(scene: Model, network: str) -> Hashable | None:

@@ -111,39 +111,77 @@ def _cells(position, at, scale, last):  # type: ignore[no-untyped-def]
     return i, f - as_floats(i)
 
 
+@njit(fastmath=FAST_MATH)
+def _around(first, position, rows, scale, corner, weight, near):  # type: ignore[no-untyped-def]
+    """Write the vertices around as many samples, from ``first`` on, as there are lanes; the last one stands for others.
+
+    ``corner`` (4, LANES): those at (0, 0), (0, 1), (1, 0) and (1, 1) of the cell, whose neighbours in z have the next
+    numbers; ``weight`` (6, LANES): theirs, and those of the neighbours in z; ``near`` (LANES,): the nearest vertex.
+    ``position``: as one row of numbers.
+    """
+    ny, nz, last = rows.shape[1], rows.shape[2], np.int32(len(position) // 3 - 1)
+    at = minimum(lane_numbers() + first, splat(last)) * 3
+    i, wx = _cells(position, at, scale, np.int32(rows.shape[0] - 2))
+    j, wy = _cells(position, at + 1, scale, np.int32(ny - 2))
+    k, wz = _cells(position, at + 2, scale, np.int32(nz - 2))
+    place, ux, uy = (i * ny + j) * nz + k, ONE32 - wx, ONE32 - wy
+    a, b = gather(rows, place), gather(rows, place + nz)
+    c, d = gather(rows, place + ny * nz), gather(rows, place + (ny * nz + nz))
+    for n, each in enumerate((a, b, c, d)):
+        store(corner, n * LANES, each)
+    for n, each in enumerate((ux * uy, ux * wy, wx * uy, wx * wy, ONE32 - wz, wz)):
+        store(weight, n * LANES, each)
+    right = wy > HALF32
+    nearest = select(wx > HALF32, select(right, d, c), select(right, b, a))
+    store(near, 0, nearest + select(wz > HALF32, splat(np.int32(1)), splat(np.int32(0))))
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def _mean(table, width, from_, lane, corner, weight):  # type: ignore[no-untyped-def]
+    """Return the mean of the numbers from a place ``from_`` of rows of a ``width`` on, over four corners of a cell."""
+    out = splat(weight[0, lane]) * load(table, np.int64(corner[0, lane]) * width + from_)
+    out = out + splat(weight[1, lane]) * load(table, np.int64(corner[1, lane]) * width + from_)
+    out = out + splat(weight[2, lane]) * load(table, np.int64(corner[2, lane]) * width + from_)
+    return out + splat(weight[3, lane]) * load(table, np.int64(corner[3, lane]) * width + from_)
+
+
 @njit(fastmath=FAST_MATH, cache=True)
 def _look_up(first, position, rows, scale, table, region, found, of):  # type: ignore[no-untyped-def]
     """Write the means of ``table`` around the samples from ``first`` on, ``found`` (N, EACH), and their regions (N,).
 
-    ``position``: as one row of numbers; ``table`` has a row of :data:`LANES` numbers more.
+    ``table`` has a row of :data:`LANES` numbers more.
     """
-    ny, nz, count, total = rows.shape[1], rows.shape[2], len(of), len(position) // 3
-    ends = np.int32(rows.shape[0] - 2), np.int32(ny - 2), np.int32(nz - 2)
     corner, near, weight = np.empty((4, LANES), np.int32), np.empty(LANES, np.int32), np.empty((6, LANES), np.float32)
     mean = np.empty(LANES, np.float32)
-    for block in range(0, count, LANES):
-        at = minimum(lane_numbers() + (first + block), splat(np.int32(total - 1))) * 3
-        i, wx = _cells(position, at, scale, ends[0])
-        j, wy = _cells(position, at + 1, scale, ends[1])
-        k, wz = _cells(position, at + 2, scale, ends[2])
-        place, ux, uy = (i * ny + j) * nz + k, ONE32 - wx, ONE32 - wy
-        a, b = gather(rows, place), gather(rows, place + nz)
-        c, d = gather(rows, place + ny * nz), gather(rows, place + (ny * nz + nz))
-        for n, each in enumerate((a, b, c, d)):
-            store(corner, n * LANES, each)
-        for n, each in enumerate((ux * uy, ux * wy, wx * uy, wx * wy, ONE32 - wz, wz)):
-            store(weight, n * LANES, each)
-        right = wy > HALF32
-        nearest = select(wx > HALF32, select(right, d, c), select(right, b, a))
-        store(near, 0, nearest + select(wz > HALF32, splat(np.int32(1)), splat(np.int32(0))))
-        for lane in range(min(LANES, count - block)):
-            row = splat(weight[0, lane]) * load(table, np.int64(corner[0, lane]) * EACH)
-            row = row + splat(weight[1, lane]) * load(table, np.int64(corner[1, lane]) * EACH)
-            row = row + splat(weight[2, lane]) * load(table, np.int64(corner[2, lane]) * EACH)
-            store(mean, 0, row + splat(weight[3, lane]) * load(table, np.int64(corner[3, lane]) * EACH))
+    for block in range(0, len(of), LANES):
+        _around(np.int32(first + block), position, rows, scale, corner, weight, near)
+        for lane in range(min(LANES, len(of) - block)):
+            store(mean, 0, _mean(table, EACH, 0, lane, corner, weight))  # of a row and the next one
             for f in range(EACH):
                 found[block + lane, f] = weight[4, lane] * mean[f] + weight[5, lane] * mean[EACH + f]
             of[block + lane] = region[np.uint64(near[lane])]
+
+
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
+def _interpolate(position, rows, scale, table, width, light, raw):  # type: ignore[no-untyped-def]
+    """Write the means of rows of a ``width``, a multiple of the lanes: ``light`` (S, L), followed by ``raw`` (S, C)."""
+    samples, lights = len(raw), light.shape[1]
+    for part in prange((samples + RAYS_A_BLOCK - 1) // RAYS_A_BLOCK):
+        begin, end = part * RAYS_A_BLOCK, min(samples, (part + 1) * RAYS_A_BLOCK)
+        corner, near = np.empty((4, LANES), np.int32), np.empty(LANES, np.int32)
+        weight, mean = np.empty((6, LANES), np.float32), np.empty(width, np.float32)
+        for first in range(begin, end, LANES):
+            _around(np.int32(first), position, rows, scale, corner, weight, near)
+            for lane in range(min(LANES, end - first)):
+                for n in range(0, width, LANES):
+                    below = splat(weight[4, lane]) * _mean(table, width, n, lane, corner, weight)
+                    store(
+                        mean, n, below + splat(weight[5, lane]) * _mean(table, width, width + n, lane, corner, weight)
+                    )
+                for f in range(lights):
+                    light[first + lane, f] = mean[f]
+                for f in range(raw.shape[1]):
+                    raw[first + lane, f] = mean[lights + f]
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
@@ -218,6 +256,18 @@ def touched(
     rows, position = torch.empty(shape, dtype=torch.int32), torch.empty(int(number.sum()), 3)
     _number(words, marks, np.cumsum(number) - number, np.float32(1.0 / scale), rows.numpy(), position.numpy())
     return rows, position
+
+
+def interpolate(position: Tensor, rows: Tensor, scale: float, light: Tensor, raw: Tensor) -> tuple[Tensor, Tensor]:
+    lights, total = light.shape[1], light.shape[1] + raw.shape[1]
+    table = torch.zeros(len(raw), -(-total // LANES) * LANES)
+    table[:, :lights], table[:, lights:total] = light, raw
+    out = torch.empty(len(position), lights), torch.empty(len(position), raw.shape[1])
+    _interpolate(
+        position.numpy().ravel(), rows.numpy(), np.float32(scale), table.numpy().ravel(), table.shape[1],
+        out[0].numpy(), out[1].numpy(),
+    )  # fmt: skip
+    return out
 
 
 def composite(

@@ -25,7 +25,9 @@ from svv.fields.radiance.rendering import Extinction, Marching, Rays, composite,
 from svv.kernels import reference
 from svv.kernels.numba import kernels as numba_kernels
 from svv.kernels.numba import lattice as numba_lattice
+from svv.kernels.types import Kernels, Limits, Samples
 from svv.train.base.first_extinction import largest_extinction, log_extinction
+from tests.cube import cube_camera, cube_scene
 
 pytestmark = pytest.mark.usefixtures("all_threads")
 
@@ -252,6 +254,38 @@ def test_joined_samples_are_fewer_and_lose_nothing() -> None:
     assert float((x - y).abs().max()) < 0.05
 
 
+@pytest.mark.parametrize("kernels", [numba_kernels, reference], ids=["numba", "reference"])
+@pytest.mark.parametrize("shift", [-8.0, -5.0, 0.0])
+def test_a_ray_that_keeps_nothing_shows_where_it_has_most(kernels: Kernels, shift: float) -> None:
+    """A skin of less than a sample's weight has colour, depth and region, with its own opacity; fainter ones do not."""
+    occupancy = Occupancy(UNIT, 8, np.ones((8, 8, 8), np.uint8))
+    density = SparseLattice(occupancy.occupied, 8, (8,), 1)
+    density.randomize(1.5, torch.Generator().manual_seed(3))
+    with torch.no_grad():
+        density.table.add_(shift)
+    rays, distance = diagonal_rays(64), occupancy.distance_on(torch.device("cpu"))
+
+    def marched(limits: Limits) -> Samples:
+        given = rays.origins, rays.directions, distance, 8, UNIT.extent, density.layout, density.table
+        return kernels.march(*given, 9.0, limits, 0, 16)[0]
+
+    every = marched(Limits(1 / 64, 0.0, 0.0, 30.0, 1.0, False))
+    few = marched(Limits(1 / 64, 1 / 16, 0.0, 30.0, 1.0, True))
+    for ray in range(len(rays)):
+        own, mine = ((s.ray == ray).nonzero()[:, 0] for s in (every, few))
+        depth = float(every.sigma[own].sum()) / 64
+        if -np.expm1(-depth) >= 1 / 16:
+            assert len(mine) >= 1
+        elif depth <= 1.0 / 4096.0:
+            assert len(mine) == 0 and float(few.tail[ray]) == pytest.approx(depth, abs=1e-6)
+        elif len(mine) == 1 and few.tail[ray] == 0.0:
+            heaviest = own[every.sigma[own].argmax()]
+            torch.testing.assert_close(few.position[mine[0]], every.position[heaviest])
+            assert float(few.sigma[mine[0]]) / 64 == pytest.approx(depth, rel=1e-4)
+        else:
+            raise AssertionError(f"ray {ray} of optical depth {depth} has {len(mine)} samples")
+
+
 def test_marching_without_stop_keeps_what_is_hidden() -> None:
     occupied = np.ones((4, 4, 4), np.uint8)
     occupancy = Occupancy(UNIT, 4, occupied)
@@ -380,3 +414,20 @@ def test_nothing_is_read_behind_the_table(seed: int, levels: tuple[int, ...]) ->
         torch.testing.assert_close(found, density.table[density.rows_of_level(level), 0].detach(), rtol=0, atol=1e-4)
     assert largest_extinction(partial(log_extinction, field), occupancy, torch.device("cpu")).isfinite().all()
     assert gradient_of(density, occupancy, levels[-1]).isfinite().all()
+
+
+@pytest.mark.parametrize("network", ["base", "pcn"])
+def test_a_skin_of_one_percent_has_its_colour_depth_and_region(network: str) -> None:
+    """What weighs less than a sample does is shown where most of it is, not in black at the camera."""
+    scene, camera = cube_scene(), cube_camera()
+    assert scene.base.density is not None
+    with torch.no_grad():
+        scene.base.density.table.sub_(6.0)
+    skin = replace(scene, joined=1.0 / 16.0).render(camera, network)
+    exact = replace(scene, joined=1e-6).render(camera, network)
+    shown = skin.rgba[..., 3] > 0.0
+    assert shown.any() and float(skin.rgba[..., 3].max()) < 1.0 / 16.0
+    np.testing.assert_allclose(skin.rgba[..., 3], exact.rgba[..., 3], atol=1e-4)
+    assert (skin.rgba[shown][:, :3].max(axis=1) > 0.05).all()
+    assert np.abs(skin.rgba[shown] - exact.rgba[shown])[:, :3].mean() < 0.2
+    assert np.abs(skin.depth[shown] - exact.depth[shown]).max() < 0.5

@@ -10,6 +10,9 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
+LEAST_DEPTH = 1.0 / 4096.0
+"""Optical depth above which a ray of an image has a sample, however little it weighs: an eighth of what shows."""
+
 FAR_DISTANCE = 1e30
 """Distance beyond any box."""
 
@@ -66,7 +69,7 @@ def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the sam
         keep: Share of the samples of less weight that is kept all the same.
         stop: Optical depth at which a ray ends.
         fade: Smallest factor by which extinctions will be scaled later.
-        merge: Whether samples of less weight are merged into the next one.
+        merge: Whether samples of less weight are merged into the next one, or all of a ray into its heaviest.
         seed: > 0 shifts each ray's samples by a random fraction of the step; 0 shifts them by half a step.
         first_ray: Number of the first ray, for ``ray`` and for its random numbers.
         ahead: Number of rays before these in a batch of which these are a part; it changes only the random numbers.
@@ -102,10 +105,13 @@ def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the sam
     # Optical depth left out since the last kept sample, and total since the start of the ray. (R,)
     left_out, tau = torch.zeros_like(near), torch.zeros_like(near)
     going = torch.ones_like(there[:, 0])
+    most, where = torch.zeros_like(near), torch.zeros_like(ray)  # largest optical depth of a step, and which it is
     for k in range(number.shape[1]):
         here = there[:, k] & going
         thickness = torch.where(here, sigma[:, k] * step, 0.0)
         before = left_out if merge else torch.zeros_like(left_out)
+        where = torch.where(thickness > most, k, where)
+        most = torch.maximum(thickness, most)
         weight = 1.0 - torch.exp(-thickness - before)
         weight = torch.where(weight >= least_weight, weight * torch.exp(fade * (before - tau).clamp(max=0.0)), weight)
         chosen = weight >= least_weight
@@ -117,6 +123,10 @@ def march(  # noqa: PLR0913  (the kernels, whose reference this is, take the sam
         left_out = torch.where(kept[:, k], 0.0, left_out + thickness)
         tau = tau + torch.where(counted[:, k], thickness, 0.0)
         going = going & ~(fade * tau > stop)
+    if merge:
+        alone = torch.nonzero(~kept.any(dim=1) & (left_out > LEAST_DEPTH))[:, 0]
+        sample = alone, where[alone]
+        kept[sample], skipped[sample], sigma[sample], left_out[alone] = True, 0.0, left_out[alone] / step, 0.0
     rays = (ray[:, None].expand(kept.shape)[kept]).int()
     return x[kept], sigma[kept], skipped[kept], rays, kept.sum(1), left_out
 

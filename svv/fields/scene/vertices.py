@@ -35,7 +35,7 @@ from svv.kernels.types import ImageKernels, Samples, VertexKernels
 MOST_PLACES = 1 << 25
 """Most vertices of the whole grid, visible or not, of which the numbers take 4 bytes each."""
 
-PAYS = {True: 0.8, False: 0.5}
+PAYS = {True: 0.8, False: 0.35}
 """Vertices per sample up to which they pay in plain images and in others: a look-up of a sample's colour takes a fifth
 of its networks' time, one of all that they say two fifths."""
 

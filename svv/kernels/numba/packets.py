@@ -38,6 +38,7 @@ from svv.core.lanes import (
     store,
     truncated,
 )
+from svv.core.rays.marching import LEAST_DEPTH
 from svv.kernels.numba.bricks import MASK, PLANE, SHIFT, SIDE, VERTICES
 from svv.kernels.numba.leaping import octant
 from svv.kernels.numba.marching import clip_to_box, inverse, uniform
@@ -47,14 +48,16 @@ ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 NONE, BIT, ENDED = np.int32(0), np.int32(1), np.int32(-1)
 UNSURE = np.int32(UNSURE_CELLS)
 FAR, NEVER = np.float32(1e9), np.float32(1e30)
+LEAST = np.float32(LEAST_DEPTH)
 
 KEPT = 5
 """Numbers of a sample that is kept: its position, the optical depth skipped before it, and its extinction."""
 
-SHIFTS, LEFT_OUT, TAU, FRONT, STOPS, STATE = 9, 10, 11, 12, 13, 14
+SHIFTS, LEFT_OUT, TAU, FRONT, STOPS, MOST, AT, STATE = 9, 10, 11, 12, 13, 14, 15, 16
 """Rows of a packet's state behind the rays' starts, directions and their inverses, and how many rows there are: shift
 of the samples, optical depth since the last kept sample and since the start of the ray, an upper bound of the
-transmittance in front of the next sample, and where the piece of the ray ends."""
+transmittance in front of the next sample, where the piece of the ray ends, and the largest optical depth of a step, and
+where that is."""
 
 PACKETS = 2
 """Packets that a thread follows in turn: .8 of the time of one; what more of them ask for no longer fits into the first
@@ -232,6 +235,7 @@ def begin(origins, directions, extent, step, shift, r, lane, state, steps):  # t
         state[k, lane], state[3 + k, lane] = origins[r, k], directions[r, k]
         state[6 + k, lane] = inverse(directions[r, k])
     state[SHIFTS, lane], state[LEFT_OUT, lane], state[TAU, lane], state[FRONT, lane] = shift, ZERO, ZERO, ONE
+    state[MOST, lane] = ZERO
     steps[0, lane], steps[1, lane] = math.ceil(near / step - shift), math.floor(far / step - shift)
     steps[2, lane] = octant(directions[r, 0], directions[r, 1], directions[r, 2])
     return steps[0, lane] <= steps[1, lane]
@@ -285,15 +289,24 @@ def _go_on(  # type: ignore[no-untyped-def]
 
 @njit(fastmath=FAST_MATH)
 def _hand_over(  # type: ignore[no-untyped-def]
-    ended, n, end, owner, number, kept, state, position, skipped, sigma, ray, start, count, tail
+    ended, n, end, step, extent, merge, owner, number, kept, state, position, skipped, sigma, ray, start, count, tail
 ):
-    """Write the samples of rays that have ended from row ``n`` on; returns the next row, beyond ``end`` if one is."""
+    """Write the samples of rays that have ended from row ``n`` on; returns the next row, beyond ``end`` if one is.
+
+    With ``merge``, a ray that has kept none has a single one, where it has most optical depth.
+    """
     while ended != 0:
         lane = first_of(ended)
         ended &= ended - 1
         r = owner[lane]
         if r < 0:
             continue
+        if merge and number[lane] == 0 and state[LEFT_OUT, lane] > LEAST:
+            for axis in range(3):
+                at = state[axis, lane] + state[AT, lane] * state[3 + axis, lane]
+                kept[lane, 0, axis] = min(max(at, ZERO), extent[axis])
+            kept[lane, 0, 3], kept[lane, 0, 4], number[lane] = ZERO, state[LEFT_OUT, lane] / step, 1
+            state[LEFT_OUT, lane] = ZERO
         start[r], count[r], tail[r] = n, number[lane], state[LEFT_OUT, lane]
         if n + number[lane] > end:
             return end + 1
@@ -332,9 +345,10 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     is below ``least_weight`` is kept only with probability ``keep``; the optical
     depth of samples left out is accumulated in ``skipped`` of the next kept one (or ``tail`` of the ray), so that
     transmittance stays exact. With ``merge``, it becomes part of the next sample instead, as soon as both together
-    weigh enough: there are few samples, and no part of the pixel is lost. Optical depth is multiplied by ``fade`` when
-    it dims a sample and when it ends a ray (above ``stop``), because extinctions may be scaled later by factors of
-    ``fade`` or more. With 0, no ray ends.
+    weigh enough: there are few samples, and no part of the pixel is lost. A ray that would keep none has one sample of
+    all its optical depth where most of that is, if it exceeds :data:`svv.core.rays.marching.LEAST_DEPTH`. Optical depth
+    is multiplied by ``fade`` when it dims a sample and when it ends a ray (above ``stop``), because extinctions may be
+    scaled later by factors of ``fade`` or more. With 0, no ray ends.
 
     With ``begins`` and ``ends`` (R, M), only these pieces of rays are marched; a sample across the end of one stands
     for what it covers of the piece, in the middle of that. If ``marked``, optical depth in occupied cells whose
@@ -374,8 +388,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                         going |= onward
                         ended &= ~onward
                     n = _hand_over(
-                        ended, n, end, owner, number, kept_of[packet], state, position, skipped, sigma, ray, start,
-                        count, tail,
+                        ended, n, end, step, extent, merge, owner, number, kept_of[packet], state, position, skipped,
+                        sigma, ray, start, count, tail,
                     )  # fmt: skip
                     if n > end:
                         break
@@ -385,6 +399,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                         start[coming], count[coming], tail[coming] = n, 0, ZERO
                         if divided:
                             state[LEFT_OUT, lane], state[TAU, lane], state[FRONT, lane] = ZERO, ZERO, ONE
+                            state[MOST, lane] = ZERO
                             piece[lane] = begin_piece(
                                 origins, directions, extent, step, begins, ends, coming, 0, lane, state, steps
                             )
@@ -453,6 +468,11 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                     if divided:
                         s = s * minimum(left, splat(ONE))
                     thickness = select(occupied, s * step, nothing)
+                    if merge:
+                        most_of = load(state, MOST * LANES)
+                        heavier = thickness > most_of
+                        store(state, MOST * LANES, select(heavier, thickness, most_of))
+                        store(state, AT * LANES, select(heavier, t, load(state, AT * LANES)))
                     before = left_out if merge else nothing
                     weight = (thickness + before) * front  # an upper bound, which saves most exponentials
                     heavy = occupied & (weight >= least_weight)

@@ -181,11 +181,15 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     rate = 1.0 / step
     # Optical depth left out since the last kept sample, and total since the start of the ray.
     left_out, tau = tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32)
+    # Largest optical depth of a step, and where that is.
+    most_of, most_x, most_y, most_z = left_out, left_out, left_out, left_out
     n = tl.zeros((BLOCK,), tl.int64)
+    none = n
     end = n
     if WRITES:
         end = tl.load(ends + r, mask=there, other=0)
         n = end - tl.load(count + r, mask=there, other=0)
+        none = n
         too_many = there & (end > most)
         tl.store(start + r, n, mask=there)
         tl.store(count + r, tl.full((BLOCK,), -1, tl.int64), mask=too_many)
@@ -245,6 +249,10 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
         if DIVIDED:
             s = s * covers
         thickness = tl.where(inside, s * step, 0.0)
+        heavier = thickness > most_of
+        most_of = tl.where(heavier, thickness, most_of)
+        most_x, most_y = tl.where(heavier, x, most_x), tl.where(heavier, y, most_y)
+        most_z = tl.where(heavier, z, most_z)
         before = left_out * merge
         weight = 1.0 - tl.exp(-thickness - before)
         dims = before - tau
@@ -274,6 +282,17 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
             going = going & ((i <= last) | (piece < pieces))
         else:
             going = going & (i <= last)
+    alone = there & (n == none) & (left_out * merge > 1.0 / 4096.0)  # svv.core.rays.marching.LEAST_DEPTH
+    if WRITES:
+        alone = alone & (n < end)
+        tl.store(position + 3 * n, most_x, mask=alone)
+        tl.store(position + 3 * n + 1, most_y, mask=alone)
+        tl.store(position + 3 * n + 2, most_z, mask=alone)
+        tl.store(skipped + n, 0.0, mask=alone)
+        tl.store(sigma + n, left_out * rate, mask=alone)
+        tl.store(ray + n, r, mask=alone)
+    n += alone.to(tl.int64)
+    left_out = tl.where(alone, 0.0, left_out)
     if WRITES:
         while tl.max((n < end).to(tl.int32), axis=0) > 0:
             for k in tl.static_range(3):

@@ -419,9 +419,9 @@ void main() {
 #endif
   // Of each layer: its ray's origin in box coordinates; its next and last sample; the optical depth that waits to be shaded, where, at
   // which distance in the first layer's box units, and the factor on that shaded before.
-  vec3 origins[LAYERS], places[LAYERS];
+  vec3 origins[LAYERS], places[LAYERS], tops[LAYERS]; // of each layer, also the heaviest step, for rays that have no sample
   int nexts[LAYERS], lasts[LAYERS];
-  float waitings[LAYERS], times[LAYERS], factors[LAYERS];
+  float waitings[LAYERS], times[LAYERS], factors[LAYERS], mosts[LAYERS], topTimes[LAYERS];
 #if CUTS
   vec2 pieces[LAYERS], withins[LAYERS]; // where the piece of the ray begins and ends that is being sampled, and the ray in the box
 #endif
@@ -437,7 +437,7 @@ void main() {
 #endif
     ivec2 some = samplesOn(piece, within, pace);
     nexts[l] = some.x, lasts[l] = some.y;
-    origins[l] = o, waitings[l] = times[l] = 0.0, factors[l] = -1.0;
+    origins[l] = o, waitings[l] = times[l] = mosts[l] = 0.0, factors[l] = -1.0;
   }
   vec3 ahead = step(0.0, d), sum = vec3(0.0);
   float front = 1.0;
@@ -538,6 +538,7 @@ void main() {
       own *= covered;
 #endif
       place = inside;
+      if (own > mosts[L]) mosts[L] = own, tops[L] = inside, topTimes[L] = t * uMarch[L].y / pace;
       waiting = own + waiting;
       found = front * waiting >= joined && front * (1.0 - exp(-waiting)) >= joined;
     }
@@ -547,13 +548,25 @@ void main() {
 #endif
     times[L] = found ? t * uMarch[L].y / pace : BEYOND;
   }
-  // What is left behind the last sample of a layer is a part of it (svv/kernels/types.py, ended).
+  // What is left behind the last sample of a layer is a part of it (svv/kernels/types.py, ended); if there is none, all of
+  // it is one sample at the heaviest step (svv/core/rays/marching.py).
   for (int l = 0; l < LAYERS; l++) {
     if (waitings[l] <= 0.0) continue;
-    bool alone = factors[l] < 0.0;
-    float through = exp(-waitings[l] * (alone ? shaded(l, places[l]).a : factors[l])), own = alone ? 0.0 : front * (1.0 - through);
+    if (factors[l] < 0.0) {
+      vec4 found = shaded(l, tops[l]);
+      factors[l] = found.a, ends[l] = found.rgb;
+#if DOUBT
+      errors[l] = texture(uDoubt, tops[l].zyx * uDoubtSize).r;
+#endif
+#if PLACE || LINES
+      regions[l] = regionShaded, shownAt[l] = topTimes[l];
+#endif
+#if LINES
+      facesOf[l] = faceShaded;
+#endif
+    }
+    float through = exp(-waitings[l] * factors[l]), own = front * (1.0 - through);
     front *= through;
-    if (alone) continue;
     sum += own * ends[l];
 #if DOUBT
     doubt += own * errors[l];
@@ -563,6 +576,9 @@ void main() {
 #endif
 #if LINES
     away += own * shownAt[l], face += own * facesOf[l];
+#endif
+#if PLACE
+    if (own > heaviest[regions[l]]) heaviest[regions[l]] = own, farthest[regions[l]] = shownAt[l];
 #endif
   }
 #if PLACE

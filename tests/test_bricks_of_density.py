@@ -70,6 +70,92 @@ def test_images_are_marched_through_bricks_as_through_the_table(
     assert bricks is not NO_BRICKS
 
 
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    stop=st.sampled_from([0.5, 7.0]),
+    fade=st.sampled_from([0.0, 0.3, 1.0]),
+    along=st.booleans(),
+    inside=st.booleans(),
+)
+def test_rays_of_an_image_begin_leap_and_end_as_others_do(
+    seed: int, stop: float, fade: float, along: bool, inside: bool
+) -> None:
+    """Rays along axes and from inside the box, too, and with less room for samples than they need."""
+    lattice, occupancy = density(seed, (9, 14, 6), 2, 0.2)
+    rays = rays_through(occupancy, seed, 300)
+    if along:
+        nearest = rays.directions.abs().argmax(dim=1, keepdim=True)
+        directions = torch.zeros_like(rays.directions).scatter_(1, nearest, rays.directions.gather(1, nearest).sign())
+        rays = replace(rays, directions=directions)
+    if along or inside:
+        rays = replace(rays, origins=torch.rand(300, 3, generator=torch.Generator().manual_seed(seed)) * 0.6)
+    how = replace(IMAGE, stop=stop, fade=fade)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(numba_bricks, "MOST_ROOM", 10**6)
+        patch.setattr(numba_bricks, "RAYS_FIRST", 10**9)
+        without = march(rays, occupancy, lattice, how)
+        patch.setattr(numba_bricks, "RAYS_FIRST", 0)
+        occupancy.samples_a_ray = 1
+        got = march(rays, occupancy, lattice, how)
+    assert_same(got, without)
+    assert got.ray.tolist() == np.repeat(np.arange(300), got.count.numpy()).tolist()
+    assert got.start.tolist() == (got.count.cumsum(0) - got.count).tolist()
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    shape=st.tuples(*[st.integers(1, 19)] * 3),
+    finer=st.sampled_from([1, 2, 3]),
+)
+def test_images_are_marched_through_bytes_as_through_the_table_of_a_file(
+    seed: int, shape: tuple[int, int, int], finer: int
+) -> None:
+    lattice, occupancy = density(seed, shape, finer, 0.5)
+    lattice.table.copy_(lattice.unpacked(lattice.packed()))
+    rays, how = rays_through(occupancy, seed), replace(IMAGE, stop=20.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(numba_bricks, "RAYS_FIRST", 10**9)
+        without = alpha_of(march(rays, occupancy, lattice, how))
+    bricks = numba_bricks.keep_bricks(lattice.layout, lattice.table, np.inf)
+    assert bricks.codes.dtype == np.uint8
+    torch.testing.assert_close(alpha_of(march(rays, occupancy, lattice, how)), without, rtol=0.0, atol=2e-5)
+
+
+def alpha_of(samples: Samples) -> torch.Tensor:
+    depths = (samples.sigma * samples.step + samples.skipped).double()
+    return 1.0 - torch.exp(-samples.tail.double().index_add(0, samples.ray.long(), depths))
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    codes=st.lists(st.integers(0, 255), max_size=40),
+    low=st.floats(-20.0, 20.0, width=32),
+    length=st.floats(0.125, 40.0, width=32),
+)
+def test_values_at_256_levels_become_bytes(codes: list[int], low: float, length: float) -> None:
+    table = (low + np.float64(length) / 255.0 * np.array([0, 255, *codes])).astype(np.float32)
+    got, first, level = numba_bricks.coded(table)
+    assert got.dtype == np.uint8
+    assert got.tolist() == [0, 255, *codes]
+    np.testing.assert_allclose(first + level * got.astype(np.float64), table, rtol=0.0, atol=4e-6 * (40.0 + abs(low)))
+
+
+@given(off=st.floats(0.01, 0.99), code=st.integers(0, 254))
+@settings(max_examples=50, deadline=None)
+def test_a_value_between_the_levels_keeps_the_table_as_it_is(off: float, code: int) -> None:
+    table = np.array([-6.0, 9.0, -6.0 + (code + off) * 15.0 / 255.0], np.float32)
+    got, low, level = numba_bricks.coded(table)
+    assert got is table
+    assert (float(low), float(level)) == (0.0, 1.0)
+
+
+def test_values_that_are_all_the_same_have_no_levels() -> None:
+    table = np.full(9, 2.5, np.float32)
+    assert numba_bricks.coded(table)[0] is table
+
+
 def test_the_reference_marches_as_bricks_do(monkeypatch: pytest.MonkeyPatch) -> None:
     lattice, occupancy = density(3, (9, 17, 5), 2, 0.4)
     rays = rays_through(occupancy, 4)

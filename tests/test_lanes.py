@@ -30,6 +30,7 @@ from svv.core.lanes import (
     select,
     splat,
     store,
+    to_front,
     total,
     truncated,
 )
@@ -100,6 +101,28 @@ def test_masks_are_bits_the_first_lane_lowest(bits: int) -> None:
     first, number = chosen(bits, out)
     assert out.tolist() == [bits >> k & 1 for k in range(LANES)]
     assert (first, number) == ((bits & -bits).bit_length() - 1, bin(bits).count("1"))
+
+
+@pytest.mark.parametrize("since", [lanes.COMPRESSES, (99, 0, 0)], ids=["by LLVM", "lane by lane"])
+def test_lanes_that_are_set_move_to_the_front_in_their_order(
+    since: tuple[int, int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lanes, "COMPRESSES", since)
+
+    @njit
+    def move(numbers, bits, whole, real):  # type: ignore[no-untyped-def]
+        vector = load(numbers, 0)
+        store(whole, 0, to_front(vector, mask_of(bits)))
+        store(real, 0, to_front(as_floats(vector), mask_of(bits)))
+
+    numbers = np.arange(100, 100 + LANES, dtype=np.int32)
+    whole, real = np.zeros(LANES, np.int32), np.zeros(LANES, np.float32)
+    every = (1 << LANES) - 1
+    for bits in [0, 1, 1 << (LANES - 1), every, *np.random.default_rng(0).integers(0, every + 1, 50).tolist()]:
+        move(numbers, bits, whole, real)
+        kept = [n for k, n in enumerate(numbers.tolist()) if bits >> k & 1]
+        assert whole[: len(kept)].tolist() == kept
+        assert real[: len(kept)].tolist() == kept
 
 
 @njit

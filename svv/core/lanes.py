@@ -24,6 +24,7 @@ from collections.abc import Callable
 
 import numpy as np
 from llvmlite import ir
+from llvmlite.binding import llvm_version_info
 from numba import njit, types
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
@@ -33,6 +34,9 @@ from svv.core.fast_math import FAST_MATH
 LANES = 16
 """Numbers in a vector: one register of AVX-512, two of AVX2, four of SSE and NEON. Eight are slower, with SSE as well,
 because fewer look-ups of memory are then on their way at the same time; NEON was not tried."""
+
+COMPRESSES = (19, 0, 0)
+"""Version of LLVM from which on it compresses vectors: with one instruction of AVX-512, otherwise lane by lane."""
 
 
 class Vector(types.Type):
@@ -247,11 +251,32 @@ def store(typing, array, first, vector):  # type: ignore[no-untyped-def]
 
 
 def _each(builder: ir.IRBuilder, at: ir.Value, of: ir.Type, read: Callable[[ir.Value], ir.Value]) -> ir.Value:
-    """Return the vector of what ``read`` gives for the place in each lane."""
+    """Return the vector of what ``read`` gives for the place, >= 0, in each lane."""
     out = ir.Constant(ir.VectorType(of, LANES), ir.Undefined)
     for lane in map(ir.IntType(32), range(LANES)):
-        out = builder.insert_element(out, read(builder.sext(builder.extract_element(at, lane), _WORD)), lane)
+        # Taking an element out of a vector of x86 fills the upper half of its place with zeros, not with its sign.
+        out = builder.insert_element(out, read(builder.zext(builder.extract_element(at, lane), _WORD)), lane)
     return out
+
+
+@intrinsic
+def to_front(typing, a, mask):  # type: ignore[no-untyped-def]
+    """Return the lanes of ``a`` that the mask sets, next to each other from the first on; others may be any numbers."""
+
+    def generate(context, builder, sig, values):  # type: ignore[no-untyped-def]
+        of, place = _OF_LLVM[sig.args[0]], ir.IntType(32)(0)
+        out = ir.Constant(of, ir.Undefined)
+        if llvm_version_info >= COMPRESSES:
+            name = f"llvm.experimental.vector.compress.v{LANES}{'f' if sig.args[0] is floats else 'i'}32"
+            kind = ir.FunctionType(of, [of, _OF_LLVM[masks], of])
+            function = builder.module.globals.get(name) or ir.Function(builder.module, kind, name)
+            return builder.call(function, [*values, out])
+        for lane in map(ir.IntType(32), range(LANES)):
+            out = builder.insert_element(out, builder.extract_element(values[0], lane), place)
+            place = builder.add(place, builder.zext(builder.extract_element(values[1], lane), place.type))
+        return out
+
+    return a(a, masks), generate
 
 
 @intrinsic
@@ -261,12 +286,13 @@ def gather(typing, array, at):  # type: ignore[no-untyped-def]
 
     def generate(context, builder, sig, values):  # type: ignore[no-untyped-def]
         def read(place):  # type: ignore[no-untyped-def]
-            value, of = builder.load(_pointer(context, builder, sig, values, place)), _OF_LLVM[kind].element
-            if value.type == of:
-                return value
-            return builder.zext(value, of) if value.type.width < of.width else builder.trunc(value, of)
+            return builder.load(_pointer(context, builder, sig, values, place))
 
-        return _each(builder, values[1], _OF_LLVM[kind].element, read)
+        own, of = context.get_data_type(array.dtype), _OF_LLVM[kind]
+        found = _each(builder, values[1], own, read)  # widened together, by one instruction
+        if own == of.element:
+            return found
+        return builder.zext(found, of) if own.width < of.element.width else builder.trunc(found, of)
 
     return kind(array, ints), generate
 

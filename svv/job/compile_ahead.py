@@ -68,7 +68,7 @@ def ball_views() -> ViewSet:
 
 def compile_all() -> None:
     """Train on a ball, render it with both kinds of light, paint it, and make splats of it, in a few steps each."""
-    from svv.kernels.numba.bricks import made
+    from svv.kernels.numba.bricks import keep_bricks
     from svv.options.splats import SplatOptions
     from svv.train.pipeline import stylize_scene, train_scene
     from svv.train.run.config import preset
@@ -87,7 +87,10 @@ def compile_all() -> None:
         scene.render(views.cameras[0].resized(6 * SIDE, 6 * SIDE))  # many samples may take kernels of their own
     density = scene.base.density
     assert density is not None
-    made(density.layout, density.table.detach().numpy()[:, 0], np.inf)  # images do it after thousands of rays
+    for table in (density.table.clone(), density.unpacked(density.packed())):  # as it was trained, and as it is loaded
+        density.table.copy_(table)
+        keep_bricks(density.layout, density.table, np.inf)  # images do it after thousands of rays
+        scene.render(views.cameras[0])
     picture = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)
     manners: tuple[MannerName, ...] = ("strokes", "pieces")
     for manner in manners:

@@ -15,11 +15,11 @@ from svv.kernels.numba import beams as numba_beams
 from svv.kernels.numba import bricks as numba_bricks
 from svv.kernels.numba import hashing as numba_hashing
 from svv.kernels.numba import image as numba_image
+from svv.kernels.numba import image_packets, operations, packets
 from svv.kernels.numba import lattice as numba_lattice
 from svv.kernels.numba import leaping as numba_leaping
 from svv.kernels.numba import learning as numba_learning
 from svv.kernels.numba import marching as numba_marching
-from svv.kernels.numba import operations, packets
 from svv.kernels.numba import rays as numba_rays
 from svv.kernels.numba import regions as numba_regions
 from svv.kernels.numba import vertices as numba_vertices
@@ -126,6 +126,10 @@ def march(
     start, number = np.empty(count, np.int64), np.empty(count, np.int64)
     tail = np.empty(count, np.float32)
     bricks = numba_bricks.bricks_for(where, table, limits, count)
+    if bricks.slots.size > 0 and left is None and limits.keep == 0.0 and int(seed) == 0:
+        rays = origins.numpy(), directions.numpy()
+        box = np.asarray(extent, np.float32), np.float32(limits.step)
+        return _march_image(rays, (distance, cells), box, where, bricks, ceiling, limits, room, rays_a_block)
     pieces, marked = NO_PIECES, left is not None and left.distance is not None
     if left is not None:  # compiled code takes numbers to be finite
         far = float(packets.FAR)
@@ -150,6 +154,37 @@ def march(
     position, skipped, sigma, ray = packed
     found = (torch.from_numpy(a) for a in (position, sigma, skipped, ray, start, number, tail))
     return Samples(*found, limits.step), room  # type: ignore[arg-type, call-arg]
+
+
+def _march_image(
+    rays: tuple[NDArray[np.float32], NDArray[np.float32]], grid: tuple[Tensor, int],
+    box: tuple[NDArray[np.float32], np.float32], where: Lattice, bricks: numba_bricks.Bricks, ceiling: float,
+    limits: Limits, room: int, rays_a_block: int,
+) -> tuple[Samples, int]:  # fmt: skip
+    """March whole rays through bricks, each block into a separate part of the buffers, and give every ray its samples.
+
+    ``rays``: their origins and directions; ``grid``: distances, and cells per box unit; ``box``: extent and step.
+    """
+    count = len(rays[0])
+    blocks = -(-count // rays_a_block)
+    number, tail = np.empty(count, np.int64), np.empty(count, np.float32)
+    while True:
+        some = blocks * rays_a_block * room
+        found = np.empty(some, np.int32), np.empty(some, np.int32), np.empty(some, np.float32)
+        written, full = np.zeros(blocks, np.int64), np.zeros(blocks, np.uint8)
+        image_packets.march_image(
+            *rays, grid[0].numpy(), np.float32(grid[1]), *box, where.shapes.numpy(), where.scales.numpy(), *bricks,
+            *(np.float32(v) for v in (ceiling, limits.least_weight, limits.stop, limits.fade)), *found, number, tail,
+            written, full, rays_a_block,
+        )  # fmt: skip
+        if not full.any():
+            break
+        room *= 2
+    start, total = np.cumsum(number) - number, int(number.sum())
+    position, sigma, ray = np.empty((total, 3), np.float32), np.empty(total, np.float32), np.empty(total, np.int32)
+    image_packets.sort_samples(*rays, *box, *found, written, start.copy(), position, sigma, ray)
+    packed = position, sigma, np.zeros(total, np.float32), ray, start, number, tail
+    return Samples(*(torch.from_numpy(a) for a in packed), limits.step), room  # type: ignore[arg-type, call-arg]
 
 
 def composite(sigma: Tensor, values: Tensor, samples: Samples) -> tuple[Tensor, Tensor, Tensor]:

@@ -3,7 +3,8 @@
 So a step's arithmetic is done for all rays of the packet at once, and the look-ups of all of them are on their way at
 the same time, which counts most in training, where nearly every one leaves the caches. A thread follows several packets
 in turn: the memory that all of them are about to read is asked for before the first of them waits for it. A ray leaps
-through empty cells and ends by itself; a packet goes on until its last ray has ended.
+through empty cells and ends by itself; a packet goes on until its last ray has ended. Whole rays of images have a march
+of their own (:mod:`svv.kernels.numba.image_packets`).
 
 Letters: R rays, (X, Y, Z) cells of the occupancy grid. All positions are box coordinates
 (:mod:`svv.core.geometry.box`), all lengths are box units.
@@ -105,14 +106,27 @@ def _in_brick(ix, iy, iz, slots):  # type: ignore[no-untyped-def]
     return slot * VERTICES + (ix & MASK) * PLANE + (iy & MASK) * SIDE + (iz & MASK)
 
 
+@njit(fastmath=FAST_MATH, inline="always")
+def _pair_as_floats(values, at, offset):  # type: ignore[no-untyped-def]
+    """Return elements ``offset`` behind places, and those that follow them, as floats."""
+    pair = gather_pairs(values, at, offset)
+    return as_floats(pair[0]), as_floats(pair[1])
+
+
+@njit(fastmath=FAST_MATH, inline="always")
+def between_corners(ix, iy, iz, wx, wy, wz, slots, values):  # type: ignore[no-untyped-def]
+    """Return the trilinear interpolations at offsets ``wx``, ``wy``, ``wz`` in cells, of values or codes in bricks."""
+    at = _in_brick(ix, iy, iz, slots)
+    a, b = _pair_as_floats(values, at, 0), _pair_as_floats(values, at, SIDE)
+    c, d = _pair_as_floats(values, at, PLANE), _pair_as_floats(values, at, PLANE + SIDE)
+    return _between(a, b, c, d, wx, wy, wz)
+
+
 @njit(fastmath=FAST_MATH)
 def values_in_bricks(x, y, z, scale, shape, slots, values):  # type: ignore[no-untyped-def]
     """Return the trilinear interpolations at positions in occupied cells; see :mod:`svv.kernels.numba.bricks`."""
     ix, iy, iz, wx, wy, wz = _cell(x, y, z, scale, shape)
-    at = _in_brick(ix, iy, iz, slots)
-    a, b = gather_pairs(values, at, 0), gather_pairs(values, at, SIDE)
-    c, d = gather_pairs(values, at, PLANE), gather_pairs(values, at, PLANE + SIDE)
-    return _between(a, b, c, d, wx, wy, wz)
+    return between_corners(ix, iy, iz, wx, wy, wz, slots, values)
 
 
 @njit(fastmath=FAST_MATH, inline="always")
@@ -334,8 +348,8 @@ def _drawn(among, steps, seed, first_ray, owner, keep):  # type: ignore[no-untyp
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is registers
     origins, directions, distance, cells, extent, step, seed, first_ray, shapes, scales, bases, index, table, slots,
-    bricks, ceiling, least_weight, keep, stop, fade, merge, begins, ends, marked, position, skipped, sigma, ray, start,
-    count, tail, full, rays_a_block,
+    bricks, low, level, ceiling, least_weight, keep, stop, fade, merge, begins, ends, marked, position, skipped, sigma,
+    ray, start, count, tail, full, rays_a_block,
 ):  # fmt: skip
     """March rays through the occupied cells and keep the samples that matter.
 
@@ -354,7 +368,8 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
     for what it covers of the piece, in the middle of that. If ``marked``, optical depth in occupied cells whose
     ``distance`` is :data:`svv.kernels.types.UNSURE` neither dims nor ends a ray.
 
-    Where there are bricks (:mod:`svv.kernels.numba.bricks`), they have the values of ``table``.
+    Where there are bricks (:mod:`svv.kernels.numba.bricks`), they have the values of ``table``: ``low`` plus
+    ``level`` times what is in them.
 
     A thread marches ``rays_a_block`` rays. The samples of block k are written from ``k * capacity`` on, where capacity
     is ``len(sigma) // blocks``. A block that needs more room marks itself in ``full`` (blocks,) and stops.
@@ -461,7 +476,7 @@ def march(  # type: ignore[no-untyped-def]  # long: one loop, whose state is reg
                 if bits_of(occupied) != 0:
                     x, y, z = _inside(x, y, z, extent)
                     if slots.size > 0:
-                        raw = values_in_bricks(x, y, z, scales[0], shapes[0], slots, bricks)
+                        raw = low + level * values_in_bricks(x, y, z, scales[0], shapes[0], slots, bricks)
                     else:
                         raw = values_of_table(x, y, z, shapes, scales, bases, index, table)
                     s = exp(minimum(raw, splat(ceiling)))

@@ -27,7 +27,7 @@ from svv.core.lanes import (
     store,
     truncated,
 )
-from svv.kernels.numba.bricks import NO_BRICKS
+from svv.kernels.numba.bricks import NO_VALUES
 from svv.kernels.numba.packets import (
     ENDED,
     ENOUGH,
@@ -90,7 +90,7 @@ def beside_visible(alpha, odd, out):  # type: ignore[no-untyped-def]
 
 def optical_depths(  # type: ignore[no-untyped-def]
     origins, directions, distance, cells, extent, step, shift, shapes, scales, bases, index, table, stop, out,
-    bricks=NO_BRICKS,
+    bricks=NO_VALUES,
 ):  # fmt: skip
     """Write to ``out`` (R,) each ray's optical depth through an extinction of which a lattice holds the logarithm.
 

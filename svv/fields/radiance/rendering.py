@@ -212,9 +212,12 @@ def composite(samples: Samples, sigma: Tensor, values: Tensor) -> tuple[Tensor, 
 
 def empty_images(pixels: int, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
     """Return straight RGBA (pixels, 4), depth and region (pixels,) of images that show nothing."""
-    images = new_images(pixels, device)
-    show_nothing(images)
-    return images
+    if device.type != "cpu":
+        images = new_images(pixels, device)
+        show_nothing(images)
+        return images
+    rgba = torch.from_numpy(np.zeros((pixels, 4), np.float32))  # no memory where nothing is written
+    return rgba, torch.full((pixels,), torch.nan), torch.full((pixels,), -1, dtype=torch.int16)
 
 
 def show_nothing(images: tuple[Tensor, Tensor, Tensor]) -> None:

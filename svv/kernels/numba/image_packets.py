@@ -41,6 +41,7 @@ from svv.kernels.numba.packets import (
     ENOUGH,
     FAR,
     HALF,
+    LEAST,
     MOST_RAYS,
     NEVER,
     NONE,
@@ -54,13 +55,13 @@ from svv.kernels.numba.packets import (
 ORIGIN, DIRECTION, INVERSE, ROWS = 0, 3, 6, 9
 """Rows of a ray's state along x, y, z, and their number: its origin, its direction and the inverse of that."""
 
-FIRST, LAST, AHEAD, COUNTS = 0, 1, 2, 3
+FIRST, LAST, AHEAD, COUNTS, TOP = 0, 1, 2, 3, 4
 """Rows of whole numbers: a ray's next and last step, and where the distances of its octant begin; then how many samples
-it has, which is not known before it begins."""
+it has and its heaviest step, which are not known before it begins."""
 
-TAIL, TAU, FRONT = 0, 1, 2
-"""Rows of what a ray has passed: optical depth behind its last kept sample and in all, and the transmittance at that
-sample's end."""
+TAIL, TAU, FRONT, MOST = 0, 1, 2, 3
+"""Rows of what a ray has passed: optical depth behind its last kept sample and in all, the transmittance at that
+sample's end, and the optical depth of its heaviest step."""
 
 PARALLEL, OUTSIDE = np.float32(1e-9), np.float32(-1.0)
 """Part of a direction along an axis below which it counts as none; and an end of a ray that misses the box."""
@@ -68,8 +69,8 @@ PARALLEL, OUTSIDE = np.float32(1e-9), np.float32(-1.0)
 INSIDE = np.float32(0.999999)
 """Part of the box in which positions are read, so that float32 rounds none into a cell behind the last one."""
 
-ROOM = 2 * LANES
-"""Room behind the samples of a block into which the next two steps may write."""
+ROOM = 3 * LANES
+"""Room behind the samples of a block into which the next two steps, and rays without samples, may write."""
 
 
 @njit(fastmath=FAST_MATH, inline="always")
@@ -146,13 +147,16 @@ def _extinction(x, y, z, scale, slots, codes, low, level, ceiling):  # type: ign
 
 @njit(fastmath=FAST_MATH, inline="always")
 def _pass(  # type: ignore[no-untyped-def]
-    i, last, occupied, s, left_out, tau, front, number, own, step, least_weight, stop, fade, n, ray, taken, sigma
-):
+    i, last, occupied, s, left_out, tau, front, most, number, top, own, step, least_weight, stop, fade, n, ray, taken,
+    sigma,
+):  # fmt: skip
     """Take steps ``i`` through extinctions ``s`` where they are occupied; write the samples that are kept from n on.
 
-    Returns the last steps, what rays have passed, how many samples they have, and the row behind those written.
+    Returns the last steps, what rays have passed, how many samples they have, their heaviest steps, and the row behind
+    those written.
     """
     thickness = select(occupied & (i <= last), s * step, splat(ZERO))
+    most, top = maximum(thickness, most), select(thickness > most, i, top)
     depth = left_out + thickness
     seen = exp(ZERO - depth)
     heavy = occupied & (i <= last) & (front * (ONE - seen) >= least_weight)
@@ -164,7 +168,7 @@ def _pass(  # type: ignore[no-untyped-def]
     store(sigma, n, to_front(depth * (ONE / step), heavy))
     left_out, number, tau = select(heavy, splat(ZERO), depth), select(heavy, number + 1, number), tau + thickness
     last = select(tau * fade > stop, splat(ENDED), last)
-    return last, left_out, tau, front, number, n + number_of(bits_of(heavy))
+    return last, left_out, tau, front, most, number, top, n + number_of(bits_of(heavy))
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
@@ -189,13 +193,14 @@ def march_image(  # type: ignore[no-untyped-def]  # long: one loop, whose state 
     )
     for block in prange(blocks):
         waiting, ranges = np.empty((ROWS, MOST_RAYS), np.float32), np.empty((3, MOST_RAYS), np.int32)
-        state, whole = np.zeros((ROWS, LANES), np.float32), np.zeros((4, LANES), np.int32)
-        depths, owner = np.zeros((3, LANES), np.float32), np.full(LANES, -1, np.int32)
+        state, whole = np.zeros((ROWS, LANES), np.float32), np.zeros((5, LANES), np.int32)
+        depths, owner = np.zeros((4, LANES), np.float32), np.full(LANES, -1, np.int32)
         n, end, first = block * capacity, (block + 1) * capacity - ROOM, block * rays_a_block
         coming, after = first, min(len(origins), first + rays_a_block)
         _set_out(origins, directions, first, after, extent, step, octants, waiting, ranges)
         going, own, i, last, ahead = 0, splat(ENDED), splat(NONE), splat(ENDED), splat(NONE)
-        left_out, tau, front, number = splat(ZERO), splat(ZERO), splat(ONE), splat(NONE)
+        left_out, tau, front, most = splat(ZERO), splat(ZERO), splat(ONE), splat(ZERO)
+        number, top = splat(NONE), splat(NONE)
         while n <= end:
             if going == 0 or (number_of(going) <= ENOUGH and coming < after):
                 # Rays that have ended leave what they have passed, and others take their lanes.
@@ -203,14 +208,19 @@ def march_image(  # type: ignore[no-untyped-def]  # long: one loop, whose state 
                 store(whole, LAST * LANES, select(mask_of(going), last, splat(ENDED)))
                 store(whole, AHEAD * LANES, ahead)
                 store(whole, COUNTS * LANES, number)
+                store(whole, TOP * LANES, top)
                 store(depths, TAIL * LANES, left_out)
                 store(depths, TAU * LANES, tau)
                 store(depths, FRONT * LANES, front)
+                store(depths, MOST * LANES, most)
                 ended = ALL & ~going
                 while ended != 0:
                     lane = first_of(ended)
                     ended &= ended - 1
                     if owner[lane] >= 0:
+                        if whole[COUNTS, lane] == 0 and depths[TAIL, lane] > LEAST:
+                            ray[n], taken[n], sigma[n] = owner[lane], whole[TOP, lane], depths[TAIL, lane] / step
+                            n, whole[COUNTS, lane], depths[TAIL, lane] = n + 1, 1, ZERO
                         count[owner[lane]], tail[owner[lane]] = whole[COUNTS, lane], depths[TAIL, lane]
                         owner[lane] = -1
                     while coming < after and owner[lane] < 0:
@@ -221,6 +231,7 @@ def march_image(  # type: ignore[no-untyped-def]  # long: one loop, whose state 
                             for row in range(3):
                                 whole[row, lane] = ranges[row, k]
                             depths[TAIL, lane], depths[TAU, lane], depths[FRONT, lane] = ZERO, ZERO, ONE
+                            depths[MOST, lane] = ZERO
                             whole[COUNTS, lane], owner[lane] = 0, coming
                             going |= 1 << lane
                         coming += 1
@@ -229,18 +240,19 @@ def march_image(  # type: ignore[no-untyped-def]  # long: one loop, whose state 
                 own, i, last = load(owner, 0), load(whole, FIRST * LANES), load(whole, LAST * LANES)
                 ahead, number = load(whole, AHEAD * LANES), load(whole, COUNTS * LANES)
                 left_out, tau = load(depths, TAIL * LANES), load(depths, TAU * LANES)
-                front = load(depths, FRONT * LANES)
+                front, most = load(depths, FRONT * LANES), load(depths, MOST * LANES)
+                top = load(whole, TOP * LANES)
             occupied, x, y, z, j = _look(state, i, ahead, distance, cells, step, ends)
             more, further_x, further_y, further_z, following = _look(state, j, ahead, distance, cells, step, ends)
             s = _extinction(x, y, z, scale, slots, codes, low, level, ceiling)
             t = _extinction(further_x, further_y, further_z, scale, slots, codes, low, level, ceiling)
-            last, left_out, tau, front, number, n = _pass(
-                i, last, occupied, s, left_out, tau, front, number, own, step, least_weight, stop, fade, n, ray, taken,
-                sigma,
+            last, left_out, tau, front, most, number, top, n = _pass(
+                i, last, occupied, s, left_out, tau, front, most, number, top, own, step, least_weight, stop, fade, n,
+                ray, taken, sigma,
             )  # fmt: skip
-            last, left_out, tau, front, number, n = _pass(
-                j, last, more, t, left_out, tau, front, number, own, step, least_weight, stop, fade, n, ray, taken,
-                sigma,
+            last, left_out, tau, front, most, number, top, n = _pass(
+                j, last, more, t, left_out, tau, front, most, number, top, own, step, least_weight, stop, fade, n,
+                ray, taken, sigma,
             )  # fmt: skip
             i = minimum(following, last + 1)
             going = bits_of(i <= last)

@@ -99,8 +99,7 @@ def while_moving(scene: S) -> S:
     """
     layers = tuple(while_moving(layer) for layer in scene.layers)
     lamp = replace(scene.lamp, shadow_softness=0.0) if scene.lamp.shadows_follow else scene.lamp
-    joined, vertices = max(scene.joined, MOVING_JOINED), min(scene.vertices_a_cell, 1)
-    return replace(scene, joined=joined, vertices_a_cell=vertices, lamp=lamp, layers=layers, still=False)
+    return replace(scene, joined=max(scene.joined, MOVING_JOINED), lamp=lamp, layers=layers, still=False)
 
 
 def resolving(scene: S, camera: Camera) -> S:

@@ -360,6 +360,7 @@ def info_of(scene: Model) -> dict[str, Any]:
         "finest_world_units": scene.occupancy.box.size / scene.settings.resolutions[-1],
         "occupied_fraction": scene.occupancy.fraction,
         "image_step_world_units": scene.stride * scene.marching.step * scene.occupancy.box.size,
+        "image_vertices_a_cell": scene.vertices_a_cell,
         "bounds": scene.occupancy.box.bounds.tolist(),
         "regions": [vars(r) for r in scene.regions],
         **_light_of(scene),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +34,13 @@ def density(seed: int, shape: tuple[int, int, int], finer: int, share: float) ->
     return lattice, Occupancy(Box((0.0, 0.0, 0.0), 1.0, extent), cells, occupied)
 
 
+def with_no_bricks(march_: Callable[[], Samples]) -> Samples:
+    """What is marched without bricks."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(numba_bricks, "bricks_for", lambda *_: NO_BRICKS)
+        return march_()
+
+
 def rays_through(occupancy: Occupancy, seed: int, count: int = 200) -> Rays:
     rng = np.random.default_rng(seed)
     to = rng.random((count, 3)) * occupancy.box.extent
@@ -62,11 +70,9 @@ def test_images_are_marched_through_bricks_as_through_the_table(
     rays = rays_through(occupancy, seed)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(numba_bricks, "MOST_ROOM", 10**6)
-        patch.setattr(numba_bricks, "RAYS_FIRST", 10**9)
-        without = march(rays, occupancy, lattice, IMAGE)
-        patch.setattr(numba_bricks, "RAYS_FIRST", 0)
+        without = with_no_bricks(lambda: march(rays, occupancy, lattice, IMAGE))
         assert_same(march(rays, occupancy, lattice, IMAGE), without)
-        bricks = numba_bricks.bricks_for(lattice.layout, lattice.table, Limits(0.02, 1e-3, 0.0, 7.0, 1.0, True), 1)
+        bricks = numba_bricks.bricks_for(lattice.layout, lattice.table, Limits(0.02, 1e-3, 0.0, 7.0, 1.0, True))
     assert bricks is not NO_BRICKS
 
 
@@ -93,9 +99,7 @@ def test_rays_of_an_image_begin_leap_and_end_as_others_do(
     how = replace(IMAGE, stop=stop, fade=fade)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(numba_bricks, "MOST_ROOM", 10**6)
-        patch.setattr(numba_bricks, "RAYS_FIRST", 10**9)
-        without = march(rays, occupancy, lattice, how)
-        patch.setattr(numba_bricks, "RAYS_FIRST", 0)
+        without = with_no_bricks(lambda: march(rays, occupancy, lattice, how))
         occupancy.samples_a_ray = 1
         got = march(rays, occupancy, lattice, how)
     assert_same(got, without)
@@ -115,9 +119,7 @@ def test_images_are_marched_through_bytes_as_through_the_table_of_a_file(
     lattice, occupancy = density(seed, shape, finer, 0.5)
     lattice.table.copy_(lattice.unpacked(lattice.packed()))
     rays, how = rays_through(occupancy, seed), replace(IMAGE, stop=20.0)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(numba_bricks, "RAYS_FIRST", 10**9)
-        without = alpha_of(march(rays, occupancy, lattice, how))
+    without = alpha_of(with_no_bricks(lambda: march(rays, occupancy, lattice, how)))
     bricks = numba_bricks.keep_bricks(lattice.layout, lattice.table, np.inf)
     assert bricks.codes.dtype == np.uint8
     torch.testing.assert_close(alpha_of(march(rays, occupancy, lattice, how)), without, rtol=0.0, atol=2e-5)
@@ -160,7 +162,6 @@ def test_the_reference_marches_as_bricks_do(monkeypatch: pytest.MonkeyPatch) -> 
     lattice, occupancy = density(3, (9, 17, 5), 2, 0.4)
     rays = rays_through(occupancy, 4)
     monkeypatch.setattr(numba_bricks, "MOST_ROOM", 10**6)
-    monkeypatch.setattr(numba_bricks, "RAYS_FIRST", 0)
     got = march(rays, occupancy, lattice, IMAGE)
     monkeypatch.setattr("svv.fields.radiance.rendering.kernels_for", lambda tensor: reference)
     assert_same(got, march(rays, occupancy, lattice, IMAGE))
@@ -170,7 +171,6 @@ def test_bricks_follow_a_change_of_the_table(monkeypatch: pytest.MonkeyPatch) ->
     lattice, occupancy = density(5, (8, 8, 8), 2, 0.5)
     rays = rays_through(occupancy, 6)
     monkeypatch.setattr(numba_bricks, "MOST_ROOM", 10**6)
-    monkeypatch.setattr(numba_bricks, "RAYS_FIRST", 0)
     before = march(rays, occupancy, lattice, IMAGE)
     lattice.table.add_(1.0)
     after = march(rays, occupancy, lattice, IMAGE)
@@ -196,16 +196,24 @@ def test_there_are_no_bricks_where_they_are_of_no_use(monkeypatch: pytest.Monkey
     lattice, _ = density(8, (16, 16, 16), 2, 0.9)
     image = Limits(0.02, 1e-3, 0.0, 7.0, 1.0, True)
 
-    def bricks(table: torch.Tensor, limits: Limits, rays: int) -> object:
-        return numba_bricks.bricks_for(lattice.layout, table, limits, rays)
+    def bricks(table: torch.Tensor, limits: Limits) -> object:
+        return numba_bricks.bricks_for(lattice.layout, table, limits)
 
-    few, many = 100, numba_bricks.RAYS_FIRST
     table = lattice.table.detach().clone()
-    assert bricks(table, image, few) is NO_BRICKS
-    assert bricks(table, image, many) is not NO_BRICKS
-    assert bricks(table, image, few) is not NO_BRICKS
-    assert bricks(table, replace(image, merge=False), many + 1) is NO_BRICKS, "training leaves samples out"
+    assert bricks(table, image) is not NO_BRICKS
+    assert bricks(table, replace(image, merge=False)) is NO_BRICKS, "training leaves samples out"
     learning = table.clone().requires_grad_()
-    assert bricks(learning, image, many + 1) is NO_BRICKS, "the table is about to change"
+    assert bricks(learning, image) is NO_BRICKS, "the table is about to change"
     monkeypatch.setattr(numba_bricks, "MOST_ROOM", 0.5)
-    assert bricks(table.clone(), image, many + 1) is NO_BRICKS, "they would take too much memory"
+    assert bricks(table.clone(), image) is NO_BRICKS, "they would take too much memory"
+
+
+def test_an_image_does_not_depend_on_what_was_drawn_before() -> None:
+    """Bit by bit: its last bits are others with bricks than without."""
+    lattice, occupancy = density(9, (16, 16, 16), 2, 0.9)
+    lattice.table.copy_(lattice.unpacked(lattice.packed()))
+    first, again = (march(rays_through(occupancy, 1), occupancy, lattice, IMAGE) for _ in range(2))
+    for _ in range(200):
+        march(rays_through(occupancy, 2), occupancy, lattice, IMAGE)
+    last = march(rays_through(occupancy, 1), occupancy, lattice, IMAGE)
+    assert torch.equal(first.sigma, again.sigma) and torch.equal(first.sigma, last.sigma)

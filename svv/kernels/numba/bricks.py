@@ -46,10 +46,6 @@ NEAR = np.float32(1e-3)
 """Largest distance of a value from its level, in levels, for it to be the level's: float32 leaves a tenth of that at
 most."""
 
-RAYS_FIRST = 1 << 14
-"""Rays that are marched without bricks before they are worth making: as long as making them takes (0.014 s of one
-core for the head's 9,962 bricks, which save 0.8 microseconds of each ray)."""
-
 MOST_ROOM = 4
 """Values in the bricks per value in the table above which memory is not spent on bricks; usual are 2.0 to 2.4."""
 
@@ -69,11 +65,10 @@ class Bricks(NamedTuple):
 
 @dataclass
 class _Known:
-    """What is known of a table: its version, the rays marched through it so far, and its bricks if they were made."""
+    """What is known of a table: its version, and its bricks."""
 
     version: int
-    rays: int = 0
-    bricks: Bricks | None = None
+    bricks: Bricks
 
 
 NO_VALUES = np.zeros((0, 0, 0), np.int32), np.zeros(0, np.float32)
@@ -188,18 +183,16 @@ def keep_bricks(where: Lattice, table: Tensor, most_room: float) -> Bricks:
     return bricks
 
 
-def bricks_for(where: Lattice, table: Tensor, limits: Limits, rays: int) -> Bricks:
-    """Return the bricks through which rays of an image are marched, made when enough rays have been.
+def bricks_for(where: Lattice, table: Tensor, limits: Limits) -> Bricks:
+    """Return the bricks through which rays of an image are marched, made for the first of them.
 
-    They are kept until the table, log extinction (V, 1), changes or is no longer used. There are none where they would
-    be of no use: in training, for several levels, for a few rays.
+    With bricks, the last bits of an image are others, so it must not depend on what was drawn before. They are kept
+    until the table, log extinction (V, 1), changes or is no longer used. There are none where they would be of no use:
+    in training, for several levels.
     """
     if not limits.merge or table.requires_grad or len(where.scales) != 1 or table.is_inference():
         return NO_BRICKS
     known = _KNOWN.get(table)
     if known is None or known.version != table._version:
-        known = _KNOWN[table] = _Known(table._version)
-    known.rays += rays
-    if known.bricks is None and known.rays > RAYS_FIRST:
         return keep_bricks(where, table, MOST_ROOM)
-    return known.bricks or NO_BRICKS
+    return known.bricks

@@ -125,7 +125,7 @@ def march(
     blocks = -(-count // rays_a_block)
     start, number = np.empty(count, np.int64), np.empty(count, np.int64)
     tail = np.empty(count, np.float32)
-    bricks = numba_bricks.bricks_for(where, table, limits, count)
+    bricks = numba_bricks.bricks_for(where, table, limits)
     if bricks.slots.size > 0 and left is None and limits.keep == 0.0 and int(seed) == 0:
         rays = origins.numpy(), directions.numpy()
         box = np.asarray(extent, np.float32), np.float32(limits.step)

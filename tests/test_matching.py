@@ -40,6 +40,6 @@ def test_matching_lowers_the_loss_of_a_distilled_network(balls: Scene) -> None:
         return float(np.mean([float(value) for value in found]))
 
     before = loss()
-    for number in range(24):
+    for number in range(32):
         work.step(number, 0.0)
     assert loss() < 0.9 * before

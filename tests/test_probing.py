@@ -17,6 +17,7 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 from svv.cli.app import main
 from svv.core.geometry.cameras import Camera
+from svv.core.rays.compositing import LEAST_ALPHA
 from svv.core.volumes.classified import LARGEST, ValueGrid, grid_shape
 from svv.dvr.draw.views import make_views
 from svv.dvr.read.grids import from_array
@@ -80,7 +81,7 @@ def test_values_are_those_at_the_place_that_is_told(field: object, parallel: boo
     drawn, told, off = scene.render(camera), 0, []
     for column, row in pixels_of(camera, 5):
         found = scene.probe(camera, (column + 0.5, row))
-        assert (found is None) == (drawn.rgba[row, column, 3] < 0.01)
+        assert (found is None) == (drawn.rgba[row, column, 3] <= LEAST_ALPHA)
         if found is None:
             continue
         told += 1

@@ -246,3 +246,10 @@ def test_vertices_are_chosen_where_views_stay_as_likely() -> None:
         patch.setattr("svv.fields.scene.vertices.PAYS", dict.fromkeys((True, False), np.inf))
         assert with_vertices(replace(smooth, vertices_a_cell=0), views_of(smooth)).vertices_a_cell == 1
     assert with_vertices(rough, views_of(rough)).vertices_a_cell == 0
+
+
+def test_grids_that_are_too_large_are_not_chosen() -> None:
+    smooth = smooth_cube(1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("svv.fields.scene.vertices.MOST_PLACES", 1)
+        assert with_vertices(replace(smooth, vertices_a_cell=0), views_of(smooth)).vertices_a_cell == 0

@@ -32,7 +32,7 @@ from svv.kernels.constants import numbers_on
 from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import ImageKernels, Samples, VertexKernels
 
-MOST_PLACES = 1 << 25
+MOST_PLACES = 1 << 23
 """Most vertices of the whole grid, visible or not, of which the numbers take 4 bytes each."""
 
 PAYS = {True: 0.8, False: 0.35}

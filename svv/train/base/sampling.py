@@ -103,7 +103,8 @@ def with_vertices(scene: Scene, views: ViewSet) -> Scene:
         return float(np.square(over(np.stack(drawn), WHITE) - on_white(seen)).mean())
 
     drawn_from = [replace(scene, vertices_a_cell=tried) for tried in TRIED]
-    if vertex_kernels_of(drawn_from[0], "pcn") is None:
+    drawn_from = [found for found in drawn_from if vertex_kernels_of(found, "pcn") is not None]
+    if not drawn_from:
         return scene
     most = LOST * error(scene)
     return next((found for found in drawn_from if error(found) <= most), scene)

@@ -89,7 +89,7 @@ def compile_all() -> None:
     assert density is not None
     for table in (density.table.clone(), density.unpacked(density.packed())):  # as it was trained, and as it is loaded
         density.table.copy_(table)
-        keep_bricks(density.layout, density.table, np.inf)  # images do it after thousands of rays
+        keep_bricks(density.layout, density.table, np.inf)  # so few vertices would have none
         scene.render(views.cameras[0])
     picture = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)
     manners: tuple[MannerName, ...] = ("strokes", "pieces")

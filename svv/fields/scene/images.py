@@ -65,7 +65,7 @@ MOVING_JOINED = 1.0 / 16.0
 """Weight in a pixel up to which a moving scene's samples are joined, unless its own is larger. More, or longer steps,
 lose what a smaller picture would not (docs/measurements/limits.md)."""
 
-CHUNKS_AT_ONCE = 16
+CHUNKS_AT_ONCE = 8
 """Chunks of rays that share the vertices around their samples: with 32,768 rays each, a view of 800 x 800 is whole."""
 
 FINER = 0.8

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import re
 from collections.abc import Callable
@@ -106,6 +107,23 @@ def test_pictures_are_those_of_the_renderer_and_edits_act(open_page: Any, balls:
     assert (opened.picture(cameras[0]) == 1.0).all()
     page.get_by_role("button", name="Reset all").click()
     assert opened.psnr(scene, cameras[2]) > CLOSE
+
+
+def test_a_skin_of_less_than_a_sample_has_its_colour(open_page: Any, balls: Scene, tmp_path: Path) -> None:
+    """Once it was black; with all colours on black, its own are what is left."""
+    skin = replace(balls, base=copy.deepcopy(balls.base), joined=1.0 / 16.0)
+    assert skin.base.density is not None
+    with torch.no_grad():
+        skin.base.density.table.fill_(-3.0)
+    camera = front(skin)
+    drawn = skin.render(camera, "pcn").rgba
+    assert 0.02 < drawn[..., 3].max() < 1.0 / 16.0
+    write_html(tmp_path / "skin.html", skin, "skin")
+    opened = open_page(tmp_path / "skin.html")
+    opened.ready()
+    shown, black = drawn[..., 3] > 0.02, 1.0 - drawn[..., 3:]
+    own = (drawn[..., :3] * drawn[..., 3:])[shown]
+    assert np.abs((opened.picture(camera) - black)[shown] - own).mean() < 0.3 * own.mean()
 
 
 @pytest.mark.slow

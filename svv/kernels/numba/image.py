@@ -192,6 +192,23 @@ def _phong(  # type: ignore[no-untyped-def]
         _lit(colour, i, lights[k, 0], shade, lights[k, 0] * (highlight - lights[k, 2]))
 
 
+@njit(fastmath=FAST_MATH)
+def show(r, alpha, red, green, blue, far, shares, faint, rgba, depth, seen):  # type: ignore[no-untyped-def]
+    """Write the pixel of a ray from its alpha, sums of weight times colour and distance, and the regions' weights."""
+    if alpha > faint:
+        back = ONE32 / alpha
+        rgba[r, 0] = min(max(red * back, ZERO32), ONE32)
+        rgba[r, 1] = min(max(green * back, ZERO32), ONE32)
+        rgba[r, 2] = min(max(blue * back, ZERO32), ONE32)
+        rgba[r, 3] = alpha
+        depth[r] = far * back
+        seen[r] = np.argmax(shares)
+    else:
+        rgba[r] = ZERO32
+        depth[r] = np.float32(np.nan)
+        seen[r] = -1
+
+
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def _composite(  # type: ignore[no-untyped-def]
     position, sigma, skipped, colour, region, opacity, origins, start, count, tail, step, size, faint, rgba, depth, seen
@@ -220,19 +237,7 @@ def _composite(  # type: ignore[no-untyped-def]
                 far += w * math.sqrt(x * x + y * y + z * z)
                 shares[region[j]] += w
                 t *= e
-            alpha = ONE32 - t * np.exp(-tail[r])
-            if alpha > faint:
-                back = ONE32 / alpha
-                rgba[r, 0] = min(max(red * back, np.float32(0.0)), ONE32)
-                rgba[r, 1] = min(max(green * back, np.float32(0.0)), ONE32)
-                rgba[r, 2] = min(max(blue * back, np.float32(0.0)), ONE32)
-                rgba[r, 3] = alpha
-                depth[r] = far * back * size
-                seen[r] = np.argmax(shares)
-            else:
-                rgba[r] = np.float32(0.0)
-                depth[r] = np.float32(np.nan)
-                seen[r] = -1
+            show(r, ONE32 - t * np.exp(-tail[r]), red, green, blue, far * size, shares, faint, rgba, depth, seen)
 
 
 def end(samples: Samples) -> None:

@@ -31,6 +31,7 @@ from svv.core.lanes import (
     truncated,
 )
 from svv.core.rays.compositing import LEAST_ALPHA
+from svv.kernels.numba.image import show
 from svv.kernels.numba.marching import RAYS_A_BLOCK
 from svv.kernels.numba.trilinear import ONE32, ones_in
 from svv.kernels.types import Samples
@@ -225,19 +226,7 @@ def _composite(  # type: ignore[no-untyped-def]
                 far += w * math.sqrt(x * x + y * y + z * z)
                 shares[of[n]] += w
                 t *= through[n]
-            alpha = ONE32 - t * np.exp(-tail[r])
-            if alpha > faint:
-                back = ONE32 / alpha
-                rgba[r, 0] = min(max(red * back, ZERO32), ONE32)
-                rgba[r, 1] = min(max(green * back, ZERO32), ONE32)
-                rgba[r, 2] = min(max(blue * back, ZERO32), ONE32)
-                rgba[r, 3] = alpha
-                depth[r] = far * back * size
-                seen[r] = np.argmax(shares)
-            else:
-                rgba[r] = ZERO32
-                depth[r] = np.float32(np.nan)
-                seen[r] = -1
+            show(r, ONE32 - t * np.exp(-tail[r]), red, green, blue, far * size, shares, faint, rgba, depth, seen)
 
 
 def touched(

@@ -43,36 +43,38 @@ def test_vertices_are_those_of_the_cells_of_samples(seed: int, counts: list[int]
     sets = [positions(seed + k, count) for k, count in enumerate(counts)]
     found = vertices.touched(sets, SHAPE, SCALE, np.inf)
     assert found is not None
-    rows, place = found
+    places, place = found
     cells = np.minimum((torch.cat(sets).numpy() * np.float32(SCALE)).astype(int), np.array(SHAPE) - 2)
     own = np.unique((cells[:, None] + np.indices((2, 2, 2)).reshape(3, 8).T).reshape(-1, 3), axis=0)
     np.testing.assert_allclose(place.numpy() * SCALE, own, atol=1e-5)
-    np.testing.assert_array_equal(rows.numpy()[tuple(own.T)], np.arange(len(own)))
+    np.testing.assert_array_equal(places.numpy(), np.ravel_multi_index(tuple(own.T), SHAPE))
     if len(cells):
         assert vertices.touched(sets, SHAPE, SCALE, 0.99 * len(own) / sum(counts)) is None
 
 
-@given(st.integers(0, 1 << 30), st.lists(st.integers(0, 9), min_size=1, max_size=200))
-def test_colours_that_vary_linearly_are_those_of_samples(seed: int, counts: list[int]) -> None:
+@given(st.integers(0, 1 << 30), st.lists(st.integers(0, 9), min_size=1, max_size=200), st.sampled_from([0.6, 1.0]))
+def test_colours_that_vary_linearly_are_those_of_samples(seed: int, counts: list[int], opaque: float) -> None:
+    """Colours of vertices are whole levels, so none is rounded."""
     samples = random_samples(counts, seed)
     samples = replace(samples, position=positions(seed, len(samples)), sigma=4.0 * samples.sigma)
     generator = torch.Generator().manual_seed(seed)
-    slope, origins = 0.2 * torch.rand(3, 3, generator=generator), torch.rand(len(counts), 3, generator=generator)
-    opacity = torch.tensor([0.6])
+    levels = 2 * torch.randint(0, 60, (3, 3), generator=generator)  # a level of blue is two of the others
+    slope, origins = levels * SCALE / vertices.LEVELS, torch.rand(len(counts), 3, generator=generator)
+    opacity = torch.tensor([opaque])
 
     def images() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         return torch.empty(len(counts), 4), torch.empty(len(counts)), torch.empty(len(counts), dtype=torch.int16)
 
     def surface(position: torch.Tensor) -> Surface:
-        colour = 0.2 + position @ slope
+        colour = 400 / vertices.LEVELS + position @ slope
         return Surface(colour, torch.zeros(len(position), dtype=torch.int64), colour)
 
     found = vertices.touched([samples.position], SHAPE, SCALE, np.inf)
     assert found is not None
-    rows, place = found
+    places, place = found
     at, drawn, exact = surface(place), images(), images()
     colours = at.colour, opacity.expand(len(place)), at.region
-    vertices.composite([(samples, origins, drawn)], rows, SCALE, colours, 1, 2.0)
+    vertices.composite([(samples, origins, drawn)], places, SHAPE, SCALE, colours, 1, 2.0)
     image.composite(samples, samples.sigma, surface(samples.position), opacity, origins, 2.0, exact)
     for one, other in zip(drawn, exact, strict=True):
         np.testing.assert_allclose(one.numpy(), other.numpy(), rtol=1e-4, atol=2e-6)
@@ -90,8 +92,44 @@ def test_what_networks_say_is_interpolated_trilinearly(seed: int, count: int, li
         return (at[:, :, None] * slopes + shifts).prod(dim=1)
 
     given_, expected = (said(at).split([lights, numbers], dim=1) for at in (found[1], place))
-    for own, exact in zip(vertices.interpolate(place, found[0], SCALE, *given_), expected, strict=True):
+    for own, exact in zip(vertices.interpolate(place, found[0], SHAPE, SCALE, *given_), expected, strict=True):
         np.testing.assert_allclose(own.numpy(), exact.numpy(), rtol=1e-4, atol=1e-5)
+
+
+def drawn_at_vertex(colour: list[float]) -> np.ndarray:
+    """The pixel of an opaque sample at a vertex of this colour, among black ones."""
+    position = torch.tensor([[1.0 / SCALE] * 3])
+    samples = replace(random_samples([1], 0), position=position, sigma=torch.tensor([1e4]), skipped=torch.zeros(1))
+    found = vertices.touched([position], SHAPE, SCALE, np.inf)
+    assert found is not None
+    colours = torch.zeros(8, 3)
+    colours[int((found[1] - position).norm(dim=1).argmin())] = torch.tensor(colour)
+    drawn = torch.empty(1, 4), torch.empty(1), torch.empty(1, dtype=torch.int16)
+    every = colours, torch.ones(8), torch.zeros(8, dtype=torch.int64)
+    vertices.composite([(samples, torch.zeros(1, 3), drawn)], found[0], SHAPE, SCALE, every, 1, 1.0)
+    return drawn[0][0, :3].numpy()
+
+
+@given(st.lists(st.floats(0.0, 1.0, width=32), min_size=3, max_size=3))
+def test_colours_of_vertices_are_rounded_to_a_quarter_of_a_level_of_a_screen(colour: list[float]) -> None:
+    off = np.abs(drawn_at_vertex(colour) - colour)
+    assert off[:2].max() <= 0.5 / 2046 + 1e-6 and off[2] <= 1.0 / 2046 + 1e-6
+
+
+def test_colours_beyond_white_and_black_count_with_what_they_are_mixed_with() -> None:
+    """A sample between a bright vertex and a black one is as bright as their mean; pixels end at white."""
+    np.testing.assert_allclose(drawn_at_vertex([3.0, -0.5, 0.5]), [1.0, 0.0, 0.5], atol=2e-3)
+    position = torch.tensor([[0.5 / SCALE] * 3])
+    samples = replace(random_samples([1], 0), position=position, sigma=torch.tensor([1e4]), skipped=torch.zeros(1))
+    found = vertices.touched([position], SHAPE, SCALE, np.inf)
+    assert found is not None
+    colours = torch.zeros(8, 3)
+    colours[:2] = torch.tensor([2.0, -0.4, 9.0])  # a quarter of the weight; 9 counts as 4
+    colours[2:4, 1] = 0.8
+    drawn = torch.empty(1, 4), torch.empty(1), torch.empty(1, dtype=torch.int16)
+    every = colours, torch.ones(8), torch.zeros(8, dtype=torch.int64)
+    vertices.composite([(samples, torch.zeros(1, 3), drawn)], found[0], SHAPE, SCALE, every, 1, 1.0)
+    np.testing.assert_allclose(drawn[0][0, :3].numpy(), [0.5, 0.1, 1.0], atol=2e-3)
 
 
 def test_what_is_nearly_transparent_does_not_tint_its_neighbours() -> None:
@@ -105,7 +143,7 @@ def test_what_is_nearly_transparent_does_not_tint_its_neighbours() -> None:
     drawn = torch.empty(1, 4), torch.empty(1), torch.empty(1, dtype=torch.int16)
     opacity = torch.where(red, 1e-3, 1.0)
     colours = colour, opacity, (~red).long()
-    vertices.composite([(samples, torch.zeros(1, 3), drawn)], found[0], SCALE, colours, 2, 1.0)
+    vertices.composite([(samples, torch.zeros(1, 3), drawn)], found[0], SHAPE, SCALE, colours, 2, 1.0)
     np.testing.assert_allclose(drawn[0][0].numpy(), [1e-3 / 1.001, 0.0, 1.0 / 1.001, 1.0], atol=1e-5)
 
 

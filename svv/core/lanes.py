@@ -325,7 +325,8 @@ def _halves(builder: ir.IRBuilder, pairs: ir.Value, of: ir.Type) -> list[ir.Valu
 def gather_pairs(typing, array, at, offset):  # type: ignore[no-untyped-def]
     """Return two vectors: elements ``offset`` behind places in raster order, and those that follow them.
 
-    The array is of float32, or of uint8 or uint16, which become ints. Two elements take a single read of memory.
+    The array is of float32, or of integers of at most 32 bits, which become ints: negative ones only of 32. Two
+    elements take a single read of memory.
     """
     kind = floats if array.dtype == types.float32 else ints
 

@@ -412,25 +412,39 @@ class VertexKernels(Protocol):
         """Return the vertices of the cells in which positions (S, 3) lie, of one or several sets.
 
         ``shape``: vertices along x, y and z; ``most``: vertices per position above which the result is None. Returns
-        the number of each vertex, int32, (X, Y, Z), in raster order, of which only those of such cells mean anything,
-        and their positions (V, 3).
+        the places of the vertices in the grid, int32 (V,), in raster order, and their positions (V, 3).
+        """
+
+    def unlit(
+        self, position: Tensor, lattice: Lattice, tables: Tensor, palette: Sequence[Tensor]
+    ) -> tuple[Tensor, Tensor]:
+        """Return what does not depend on the view: the lighting MLP's features (V, L F), and ``raw`` (V, 1 + 4 P).
+
+        Arguments are those of :meth:`ImageKernels.looks`, for positions (V, 3).
+        """
+
+    def light(self, features: Tensor, rows: Tensor, along: Tensor, lighting: Sequence[Tensor]) -> Tensor:
+        """Return the outputs of the lighting MLP (V, 1 or 2) for some ``rows`` (V,), int32, of features.
+
+        What networks say by :meth:`unlit` and here is what :meth:`ImageKernels.looks` returns of many samples; each of
+        the rows has a direction ``along`` (V, 3).
         """
 
     def interpolate(
-        self, position: Tensor, rows: Tensor, scale: float, light: Tensor, raw: Tensor
+        self, position: Tensor, places: Tensor, shape: tuple[int, int, int], scale: float, light: Tensor, raw: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Return what networks say of vertices, ``light`` (V, L) and ``raw`` (V, C), at positions (S, 3) between them.
 
-        ``rows``: from :meth:`touched`. (S, L), (S, C)
+        ``places``: from :meth:`touched`. (S, L), (S, C)
         """
 
     def composite(
-        self, pieces: Sequence[tuple[Samples, Tensor, tuple[Tensor, Tensor, Tensor]]], rows: Tensor, scale: float,
-        colours: tuple[Tensor, Tensor, Tensor], regions: int, size: float,
+        self, pieces: Sequence[tuple[Samples, Tensor, tuple[Tensor, Tensor, Tensor]]], places: Tensor,
+        shape: tuple[int, int, int], scale: float, colours: tuple[Tensor, Tensor, Tensor], regions: int, size: float,
     ) -> None:  # fmt: skip
         """Composite rays as :meth:`ImageKernels.composite`: ``pieces`` are samples, origins, and images to draw into.
 
-        ``rows``: from :meth:`touched`; ``colours``: colour (V, 3), factor on the extinction > 0 (V,), and region (V,)
+        ``places``: from :meth:`touched`; ``colours``: colour (V, 3), factor on the extinction > 0 (V,), and region (V,)
         of ``regions``. The factor is interpolated, the colour in proportion to it, and a sample's region is that of the
         nearest vertex.
         """

@@ -48,7 +48,7 @@ def look_at(kernels: ImageKernels, scene: Model, samples: Samples, rays: Rays) -
         return None
     if palette.lighting_mlp is None:
         return Look(samples, palette.palette_mlp(palette.encoding.look_up(samples.position)), None)
-    tables, along = _both_tables(geometry.table, palette.encoding), rays.lit_along.contiguous()
+    tables, along = both_tables(geometry.table, palette.encoding), rays.lit_along.contiguous()
     networks = palette.lighting_mlp.weights, palette.palette_mlp.weights
     light, raw = kernels.looks(samples, along, geometry.layout, tables, *networks)
     return Look(samples, raw, light)
@@ -137,7 +137,7 @@ def _add_light(
 _BOTH: WeakKeyDictionary[SparseLattice, tuple[Tensor, tuple[int, int], Tensor]] = WeakKeyDictionary()
 
 
-def _both_tables(geometry: Tensor, material: SparseLattice) -> Tensor:
+def both_tables(geometry: Tensor, material: SparseLattice) -> Tensor:
     """Return features of geometry and material side by side (V, 2 F), cached until one of them changes."""
     if geometry.requires_grad or material.table.requires_grad:  # learning
         return torch.cat([geometry.detach(), material.table.detach()], dim=1)

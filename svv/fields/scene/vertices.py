@@ -23,7 +23,8 @@ from svv.core.geometry.cameras import Camera
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.phong import Beams
 from svv.fields.radiance.rendering import Rays
-from svv.fields.scene.image import image_kernels_of, look_at, shade
+from svv.fields.scene.image import both_tables, image_kernels_of, look_at, shade
+from svv.fields.scene.known_vertices import MOST, known_vertices
 from svv.fields.scene.model import Model
 from svv.fields.scene.occlusion import is_occluded
 from svv.fields.scene.sections import has_section_lines, is_sectioned
@@ -48,15 +49,15 @@ class VertexLook:
 
     pieces: tuple[Samples, ...]
     """Samples of the rays, a chunk of rays each."""
-    rows: Tensor
-    """Number of each vertex, from :meth:`svv.kernels.types.VertexKernels.touched`. (X, Y, Z)"""
+    places: Tensor
+    """Place of each vertex in the grid, from :meth:`svv.kernels.types.VertexKernels.touched`. (V,)"""
     look: Look
     """What the networks say of them; its ``samples`` are the vertices, on rays that do not matter."""
 
     @property
     def bytes(self) -> int:
         """Memory that it takes."""
-        numbers = 8 * sum(len(piece) for piece in self.pieces) + self.rows.numel()
+        numbers = 8 * sum(len(piece) for piece in self.pieces) + len(self.places)
         return self.look.bytes + 4 * numbers
 
 
@@ -103,16 +104,35 @@ def look_at_vertices(
     around = vertices.touched(positions, _shape(scene), _scale(scene), math.inf if always else PAYS[plain])
     if around is None or not len(around[1]):
         return SampleLooks(tuple(look_at(images, scene, samples, rays) for samples, rays in found))
-    rows, position = around
-    look = look_at(images, scene, _alone(position), _towards(scene, camera, position, found[0][1]))
+    places, position = around
+    samples, towards = _alone(position), _towards(scene, camera, position, found[0][1])
+    look = _known_look(vertices, scene, places, samples, towards) or look_at(images, scene, samples, towards)
     assert look is not None
     if plain:
-        return VertexLook(pieces, rows, look)
+        return VertexLook(pieces, places, look)
     light = look.raw[:, :0] if look.light is None else look.light
-    each = [vertices.interpolate(own, rows, _scale(scene), light, look.raw) for own in positions]
+    each = [vertices.interpolate(own, places, _shape(scene), _scale(scene), light, look.raw) for own in positions]
     lit = look.light is not None
     looks = (Look(own, raw, light if lit else None) for own, (light, raw) in zip(pieces, each, strict=True))
     return SampleLooks(tuple(one if len(one.samples) else None for one in looks))
+
+
+def _known_look(vertices: VertexKernels, scene: Model, places: Tensor, samples: Samples, towards: Rays) -> Look | None:
+    """Return what the networks say of vertices at ``places`` of the grid; None if nothing of them may be kept."""
+    palette, geometry = scene.palette_network, scene.base.encoding
+    assert palette is not None and isinstance(palette.encoding, SparseLattice) and isinstance(geometry, SparseLattice)
+    if palette.lighting_mlp is None or len(places) > MOST:
+        return None
+    weights, layout = palette.palette_mlp.weights, geometry.layout
+    known = known_vertices(palette.encoding, [geometry.table, palette.encoding.table, *weights], _shape(scene))
+    if known is None:
+        return None
+    tables = both_tables(geometry.table, palette.encoding)
+    rows, features, raw = known.rows_of(
+        places, samples.position, lambda position: vertices.unlit(position, layout, tables, weights)
+    )
+    along = towards.lit_along.contiguous()
+    return Look(samples, raw.index_select(0, rows), vertices.light(features, rows, along, palette.lighting_mlp.weights))
 
 
 def draw_from_vertices(
@@ -125,7 +145,8 @@ def draw_from_vertices(
     opacity = numbers_on([r.seen_opacity for r in scene.regions], surface.colour.device)[surface.region]
     pieces = [(samples, rays.origins, into) for samples, (rays, into) in zip(look.pieces, drawn, strict=True)]
     colours = surface.colour, opacity, surface.region
-    vertices.composite(pieces, look.rows, _scale(scene), colours, len(scene.regions), scene.occupancy.box.size)
+    grid, size = (_shape(scene), _scale(scene)), scene.occupancy.box.size
+    vertices.composite(pieces, look.places, *grid, colours, len(scene.regions), size)
 
 
 def _alone(position: Tensor) -> Samples:

@@ -13,12 +13,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from numba import njit, prange
+from numba import njit, prange, types
+from numba.extending import overload
 from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.fast_math import FAST_MATH
-from svv.core.lanes import LANES, lane_numbers, load, select, splat, store
+from svv.core.lanes import LANES, gather, lane_numbers, load, minimum, select, splat, store
 from svv.kernels.numba import pairs
 from svv.kernels.numba import rays as numba_rays
 from svv.kernels.numba.bfloat16 import LEAST_SAMPLES
@@ -112,6 +113,20 @@ def _half(h, room, weights, widths, wide, first, count, out):  # type: ignore[no
             out[first + s, k] = h[1, k, s]
 
 
+def _run(h, room, network, first, count, out):  # type: ignore[no-untyped-def]
+    """Run a network, from :func:`_prepared`, by :func:`_half` or :func:`_single`, as its weights are."""
+
+
+@overload(_run)
+def _chosen(h, room, network, first, count, out):  # type: ignore[no-untyped-def]
+    run = _half if network[0].dtype == types.int32 else _single
+
+    def go(h, room, network, first, count, out):  # type: ignore[no-untyped-def]
+        run(h, room, network[0], network[1], network[2], first, count, out)
+
+    return go
+
+
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
 def _looks(  # type: ignore[no-untyped-def]
     x, ray, told, shapes, scales, bases, index, tables, width, rows, lighting, palette, light, raw
@@ -120,34 +135,54 @@ def _looks(  # type: ignore[no-untyped-def]
 
     ``told`` (R, D), or (1, D) for all rays: what the lighting MLP is told of directions, behind the features of the
     first F columns of ``tables`` (V, 2 F); the others are the palette MLP's. ``width``: see
-    :func:`svv.kernels.numba.lattice.encode`; ``rows``: most inputs or padded outputs of a layer; ``lighting`` and
-    ``palette``: see :func:`_prepared`.
+    :func:`svv.kernels.numba.lattice.encode`; ``rows``: most inputs or padded outputs of a layer, and those of a layer
+    in pairs; ``lighting`` and ``palette``: see :func:`_prepared`.
     """
     blocks = (len(x) + BLOCK - 1) // BLOCK
     for part in prange(PARTS):
-        sums, room = np.empty(LANES, np.float32), np.zeros((3, 0, BLOCK), np.int32)
-        lit, plain = np.zeros((3, rows, BLOCK), np.float32), np.zeros((3, rows, BLOCK), np.float32)
+        sums, room = np.empty(LANES, np.float32), np.zeros((3, rows[1], BLOCK), np.int32)
+        lit, plain = np.zeros((3, rows[0], BLOCK), np.float32), np.zeros((3, rows[0], BLOCK), np.float32)
         for block in range(part * blocks // PARTS, (part + 1) * blocks // PARTS):
             first, count = block * BLOCK, min(BLOCK, len(x) - block * BLOCK)
             _look_up(first, count, x, ray, told, shapes, scales, bases, index, tables, width, sums, lit, plain)
-            _single(lit, room, lighting[0], lighting[1], lighting[2], first, count, light)
-            _single(plain, room, palette[0], palette[1], palette[2], first, count, raw)
+            _run(lit, room, lighting, first, count, light)
+            _run(plain, room, palette, first, count, raw)
 
 
 @njit(parallel=True, fastmath=FAST_MATH, cache=True)
-def _half_looks(  # type: ignore[no-untyped-def]
-    x, ray, told, shapes, scales, bases, index, tables, width, rows, lighting, palette, light, raw
+def _unlit(  # type: ignore[no-untyped-def]
+    x, ray, told, shapes, scales, bases, index, tables, width, rows, palette, features, raw
 ):
-    """Do what :func:`_looks` does in half precision; weights are in pairs."""
+    """Write what :func:`_looks` writes but light; the lighting MLP's ``features`` (S, L F) take its place."""
     blocks = (len(x) + BLOCK - 1) // BLOCK
     for part in prange(PARTS):
-        sums, room = np.empty(LANES, np.float32), np.zeros((3, rows, BLOCK), np.int32)
-        lit, plain = np.zeros((3, rows, BLOCK), np.float32), np.zeros((3, rows, BLOCK), np.float32)
+        sums, room = np.empty(LANES, np.float32), np.zeros((3, rows[1], BLOCK), np.int32)
+        lit, plain = np.zeros((3, rows[0], BLOCK), np.float32), np.zeros((3, rows[0], BLOCK), np.float32)
         for block in range(part * blocks // PARTS, (part + 1) * blocks // PARTS):
             first, count = block * BLOCK, min(BLOCK, len(x) - block * BLOCK)
             _look_up(first, count, x, ray, told, shapes, scales, bases, index, tables, width, sums, lit, plain)
-            _half(lit, room, lighting[0], lighting[1], lighting[2], first, count, light)
-            _half(plain, room, palette[0], palette[1], palette[2], first, count, raw)
+            for s in range(count):
+                for k in range(features.shape[1]):
+                    features[first + s, k] = lit[0, k, s]
+            _run(plain, room, palette, first, count, raw)
+
+
+@njit(parallel=True, fastmath=FAST_MATH, cache=True)
+def _light(features, of, told, rows, lighting, light):  # type: ignore[no-untyped-def]
+    """Write the lighting MLP's outputs of the rows ``of`` (S,) of ``features``, ``light`` (S, O)."""
+    blocks, own = (len(of) + BLOCK - 1) // BLOCK, features.shape[1]
+    for part in prange(PARTS):
+        lit, room = np.zeros((3, rows[0], BLOCK), np.float32), np.zeros((3, rows[1], BLOCK), np.int32)
+        for block in range(part * blocks // PARTS, (part + 1) * blocks // PARTS):
+            first, count = block * BLOCK, min(BLOCK, len(of) - block * BLOCK)
+            for s in range(0, count, LANES):
+                at = minimum(lane_numbers() + np.int32(first + s), splat(np.int32(len(of) - 1)))
+                row, r = gather(of, at) * own, minimum(at, splat(np.int32(len(told) - 1))) * told.shape[1]
+                for k in range(own):
+                    store(lit, k * BLOCK + s, gather(features, row + k))
+                for k in range(told.shape[1]):
+                    store(lit, (own + k) * BLOCK + s, gather(told, r + k))
+            _run(lit, room, lighting, first, count, light)
 
 
 def looks(
@@ -159,14 +194,40 @@ def looks(
     told, first = _told(along, first)
     half = len(samples) >= LEAST_SAMPLES and pairs.cpu_multiplies_pairs()
     prepared = [_prepared(w, half) for w in ([first, *others], [w.detach().numpy() for w in palette])]
-    rows = int(max(wide.max() for _, _, wide in prepared))
     light, raw = (torch.empty(len(samples), len(weights[-1])) for weights in (lighting, palette))
-    (_half_looks if half else _looks)(
-        samples.position.numpy(), samples.ray.numpy(), told, lattice.shapes.numpy(), lattice.scales.numpy(),
-        lattice.bases.numpy(), lattice.index.numpy(), tables.detach().numpy(), (0.0,) * (tables.shape[1] // 2),
-        rows, *prepared, light.numpy(), raw.numpy(),
-    )  # fmt: skip
+    looked_up = _looked_up(samples.position, samples.ray, told, lattice, tables)
+    _looks(*looked_up, _rows(prepared), *prepared, light.numpy(), raw.numpy())
     return light, raw
+
+
+def unlit(position: Tensor, lattice: Lattice, tables: Tensor, palette: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
+    """Run the palette MLP; see :meth:`svv.kernels.types.VertexKernels.unlit`."""
+    prepared = _prepared([w.detach().numpy() for w in palette], pairs.cpu_multiplies_pairs())
+    features = torch.empty(len(position), len(lattice.scales) * tables.shape[1] // 2)
+    raw, nothing = torch.empty(len(position), len(palette[-1])), np.zeros((1, 0), np.float32)
+    looked_up = _looked_up(position, torch.zeros(len(position), dtype=torch.int32), nothing, lattice, tables)
+    _unlit(*looked_up, _rows([prepared], features.shape[1]), prepared, features.numpy(), raw.numpy())
+    return features, raw
+
+
+def light(features: Tensor, rows: Tensor, along: Tensor, lighting: Sequence[Tensor]) -> Tensor:
+    """Run the lighting MLP; see :meth:`svv.kernels.types.VertexKernels.light`."""
+    first, *others = (w.detach().numpy() for w in lighting)
+    told, first = _told(along, first)
+    prepared = _prepared([first, *others], pairs.cpu_multiplies_pairs())
+    out = torch.empty(len(rows), len(lighting[-1]))
+    _light(features.numpy(), rows.numpy(), told, _rows([prepared]), prepared, out.numpy())
+    return out
+
+
+def _looked_up(
+    position: Tensor, ray: Tensor, told: NDArray[np.float32], lattice: Lattice, tables: Tensor
+) -> tuple[object, ...]:
+    """Return the arguments of :func:`_look_up` that all samples share."""
+    return (
+        position.numpy(), ray.numpy(), told, lattice.shapes.numpy(), lattice.scales.numpy(), lattice.bases.numpy(),
+        lattice.index.numpy(), tables.detach().numpy(), (0.0,) * (tables.shape[1] // 2),
+    )  # fmt: skip
 
 
 def _told(along: Tensor, weights: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -189,6 +250,12 @@ def _told(along: Tensor, weights: NDArray[np.float32]) -> tuple[NDArray[np.float
 
 
 Prepared = tuple[NDArray[np.generic], NDArray[np.int64], NDArray[np.int64]]
+
+
+def _rows(networks: Sequence[Prepared], least: int = 0) -> tuple[int, int]:
+    """Return the rows that networks of one precision need for their numbers, and for pairs of them."""
+    rows = max(least, *(int(wide.max()) for _, _, wide in networks))
+    return rows, rows if networks[0][0].dtype == np.int32 else 0
 
 
 def _prepared(matrices: Sequence[NDArray[np.float32]], half: bool) -> Prepared:

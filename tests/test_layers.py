@@ -22,7 +22,7 @@ BOTTOM = {"_version", "errors", "options"}
 COLUMN = ["core", "kernels", "fields", "styles", "train", "render", "job"]
 BELOW = {layer: BOTTOM | set(COLUMN[:level]) for level, layer in enumerate(COLUMN)}
 BELOW["svv"] = {"_version", "environment", "own_symbols"}
-BELOW["_version"] = BELOW["environment"] = BELOW["own_symbols"] = set()
+BELOW["_version"] = BELOW["environment"] = BELOW["own_symbols"] = BELOW["idle_imports"] = set()
 BELOW["errors"] = set()
 BELOW["options"] = {"errors"}
 BELOW["io"] = BOTTOM | {"core"}
@@ -36,7 +36,7 @@ BELOW["train"] |= {"io", "measure"}
 BELOW["render"] |= {"io", "measure"}
 BELOW["job"] |= {"io", "bricks", "dvr", "progress", "measure", "ending"}
 BELOW["pv"] = BOTTOM | {*COLUMN, "io", "bricks", "dvr", "progress", "ending", "environment", "measure", "own_symbols"}
-BELOW["cli"] = BOTTOM | {*COLUMN, "io", "bricks", "dvr", "progress", "measure", "ending", "pv"}
+BELOW["cli"] = BOTTOM | {*COLUMN, "io", "bricks", "dvr", "progress", "measure", "ending", "pv", "idle_imports"}
 BELOW["__main__"] = {"cli"}
 BELOW["bench"] = BELOW["job"] | {"job", "svv"}  # svv_bench, a distribution of its own: nothing in svv imports it
 BELOW["bench.cli"] = BELOW["cli"] | {"cli", "bench"}

@@ -1,4 +1,4 @@
-"""What commands load before they work: most need neither torch nor numba, and a render no more of SciPy than numba."""
+"""What commands load before they work: most need neither torch nor numba, and a render none of their compilers."""
 
 from __future__ import annotations
 
@@ -85,6 +85,26 @@ def test_a_wrong_scene_is_told_of_before_anything_heavy_is_loaded(folder: Path) 
     found = run([line.split() for line in wrong], folder)
     assert {code for code, _ in found.values()} == {2}, found
     assert all("no.svv" in str(said) for line, (_, said) in found.items() if "no.svv" in line), found
+
+
+RENDER = """
+import sys
+from svv.cli import app
+app.leave = lambda code: print(code, *sys.modules)
+sys.argv = ["svv", "render", "a.svv", "--size", "48", "--out", "a.png"]
+app.program()
+"""
+
+
+def test_a_render_loads_no_compiler(folder: Path) -> None:
+    """The second one, which finds its kernels compiled."""
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-c", RENDER], cwd=folder, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    code, *modules = done.stdout.splitlines()[-1].split()
+    assert code == "0" and {"torch", "numba", "svv.kernels.numba.kernels"} <= set(modules)
+    idle = {"scipy.linalg", "numba.np.arraymath", "numba.cpython.listobj", "torch._dynamo"}
+    assert not idle & set(modules)
 
 
 def test_cycles_of_objects_are_looked_for_as_usual_once_work_is_shown() -> None:

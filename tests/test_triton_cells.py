@@ -57,6 +57,13 @@ def test_leaps_end_at_the_nearest_occupied_cell(shape: tuple[int, int, int], sha
     np.testing.assert_array_equal(triton_kernels.leaps(occupied.to(DEVICE)).cpu(), expected)
 
 
+@settings(deadline=None, max_examples=25)
+@given(st.permutations([1, 2, 600]), st.sampled_from([0.0, 0.001, 0.01, 0.2]), st.integers(0, 10**6))
+def test_leaps_along_many_cells_are_those_of_the_reference(shape: list[int], share: float, seed: int) -> None:
+    occupied = cells_of((shape[0], shape[1], shape[2]), share, seed)
+    np.testing.assert_array_equal(numba_kernels.leaps(occupied), leaps(occupied))
+
+
 @pytest.mark.slow
 def test_no_leap_is_longer_than_a_byte() -> None:
     occupied = torch.zeros(1, 1, 300, dtype=torch.uint8)

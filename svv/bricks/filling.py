@@ -7,8 +7,8 @@ cell lies in exactly one brick. Blocks of :data:`BLOCK` cells record whether any
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 
 BRICK = 32

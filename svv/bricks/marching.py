@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from svv.bricks.filling import BLANK, BLOCK, BLOCKS, BRICK, PART, SIDE
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 from svv.core.lanes import (
     LANES,

@@ -24,6 +24,7 @@ from svv.cli.added import added, added_command
 from svv.cli.options import examples
 from svv.ending import end_with, leave
 from svv.errors import BadInput, Cancelled, Elsewhere
+from svv.idle_imports import leave_out_idle_imports
 from svv.io.files.locks import alone
 from svv.io.files.memory import check_address_space
 from svv.progress import collect_later
@@ -215,6 +216,7 @@ def main() -> NoReturn:
 
 def program() -> NoReturn:
     """Run the command line in a process of its own, which ends with it."""
+    leave_out_idle_imports()
     try:
         main()
     except SystemExit as ending:

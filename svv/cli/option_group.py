@@ -42,19 +42,21 @@ def spread(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command as typer is to see it: fields replace dataclasses, whose own default wins over theirs."""
     parameters: list[inspect.Parameter] = []
     groups: dict[str, type] = {}
+    kinds: dict[str, type] = get_type_hints(command, include_extras=True)
     for name, parameter in inspect.signature(command).parameters.items():
-        kind: type = get_type_hints(command, include_extras=True)[name]
+        kind = kinds[name]
         if not is_dataclass(kind):
             parameters.append(parameter.replace(annotation=kind, kind=inspect.Parameter.KEYWORD_ONLY))
             continue
         groups[name] = kind
+        given = get_type_hints(kind, include_extras=True)
         for field in _options_of(kind):
             default = getattr(parameter.default, field.name, field.default)
             parameters.append(
                 inspect.Parameter(
                     field.name,
                     inspect.Parameter.KEYWORD_ONLY,
-                    annotation=_as_typer_has_it(kind, field),
+                    annotation=_as_typer_has_it(given[field.name], field),
                     default=_shown(field, default),
                 )
             )
@@ -79,9 +81,8 @@ def _options_of(kind: type) -> list[Described]:
     return [field for field in described(kind) if field.setting.command]
 
 
-def _as_typer_has_it(cls: type, field: Described) -> object:
-    """Return the annotation of a field for typer; a field that already has a typer option is left unchanged."""
-    given = get_type_hints(cls, include_extras=True)[field.name]
+def _as_typer_has_it(given: object, field: Described) -> object:
+    """Return a field's annotation for typer, from its own; one that already has a typer option is left unchanged."""
     if any(hasattr(note, "param_decls") for note in get_args(given)):
         return given
     kind: Any = field.kind

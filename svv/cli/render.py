@@ -86,13 +86,16 @@ def render(
     After Ctrl-C, the same command goes on with the frames of a folder or a shot. Processes that torchrun starts share
     those of a folder; anything else is rendered by the first one.
     """
-    from svv.io.shot_file import read_shot
     from svv.render import frames as views
     from svv.render.emptiness import HIDDEN, SHOW, hides_all
     from svv.train.run import ranks
 
     _check(out, which)
-    told = None if which.shot is None else read_shot(which.shot)
+    told = None
+    if which.shot is not None:
+        from svv.io.shot_file import read_shot
+
+        told = read_shot(which.shot)
     keys = _keys(out, which, options.size)
     pictures = views.RenderSettings(options.network, options.background, options.what, options.supersample)
     one_view = out.suffix.lower() in ONE_VIEW

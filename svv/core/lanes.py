@@ -25,10 +25,11 @@ from collections.abc import Callable
 import numpy as np
 from llvmlite import ir
 from llvmlite.binding import llvm_version_info
-from numba import njit, types
+from numba import types
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 
 LANES = 16

@@ -6,8 +6,9 @@ Each value is computed by one thread without any shared sum, so results do not d
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 
 

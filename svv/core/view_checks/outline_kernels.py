@@ -7,7 +7,9 @@ levels, H rows and W columns of those pixels that are looked at.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from svv.core.compiled import njit
 
 
 @njit(parallel=True, cache=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from svv.core.compiled import njit
 
 AHEAD = 0.05
 """Cosine of the angle to the middle of both objects that all rays must exceed for two views to be compared."""

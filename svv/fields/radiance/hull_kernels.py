@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from svv.core.compiled import njit
 from svv.kernels.types import MOST_SEEN
 
 CUT, NOTHING, SOME, ALL = 0, 1, 2, 3

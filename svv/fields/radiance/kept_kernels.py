@@ -7,7 +7,8 @@ of those in the three planes of the axes is told, as it has less noise than the 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from svv.core.compiled import njit
 
 
 @njit(cache=True)

@@ -6,8 +6,9 @@ Letters: (X, Y, Z) cells, W words of the index (:func:`svv.core.rays.encodings.s
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from svv.core.compiled import njit
 from svv.kernels.numba.trilinear import ONE32, ones_in
 
 BITS, STORED, ONE = np.int64(32), np.int64(0xFFFFFFFF), np.uint64(1)

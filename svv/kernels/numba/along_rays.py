@@ -12,8 +12,9 @@ from the end. Other numbers are float32.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 
 BLOCK = 512

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.weak import WeakTensorKeyDictionary
+
+from svv.core.compiled import njit
 
 TILE_SIDE = 8
 """Pixels along the side of a tile."""

@@ -15,11 +15,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.weak import WeakTensorKeyDictionary
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 from svv.kernels.numba.trilinear import row_at
 from svv.kernels.types import Lattice, Limits

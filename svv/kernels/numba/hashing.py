@@ -6,8 +6,9 @@ Letters: S samples, L levels, F features per level, V rows (over all levels).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 
 PRIMES = (np.uint64(2654435761), np.uint64(805459861))

@@ -13,12 +13,13 @@ import math
 
 import numpy as np
 import torch
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 from torch import Tensor
 
 from svv.core.colour.light import LEAST_COSINE, NORMAL_SCALE, NORMAL_SOFTNESS, RIM_COSINE
 from svv.core.colour.palette_shading import INTENSITY_SHIFT, SPECULAR_SHIFT, WEIGHT_FLOOR
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 from svv.core.lanes import (
     LANES,
@@ -202,7 +203,11 @@ def show(r, alpha, red, green, blue, far, shares, faint, rgba, depth, seen):  # 
         rgba[r, 2] = min(max(blue * back, ZERO32), ONE32)
         rgba[r, 3] = alpha
         depth[r] = far * back
-        seen[r] = np.argmax(shares)
+        most = 0
+        for k in range(1, len(shares)):  # np.argmax would have each process load SciPy's linear algebra
+            if shares[k] > shares[most]:
+                most = k
+        seen[r] = most
     else:
         rgba[r] = ZERO32
         depth[r] = np.float32(np.nan)

@@ -13,8 +13,9 @@ Letters: R rays, S samples, (X, Y, Z) cells of the occupancy grid. All positions
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 from svv.core.lanes import (
     LANES,

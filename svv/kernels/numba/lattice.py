@@ -6,8 +6,9 @@ Letters: S samples, L levels, F features per level, V stored vertices (over all 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 from svv.kernels.numba.trilinear import NEXT_ROW, ONE32, ask_for, cell_at, mean_of, row_at, weights_of
 

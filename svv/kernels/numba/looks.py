@@ -13,11 +13,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from numba import njit, prange, types
+from numba import prange, types
 from numba.extending import overload
 from numpy.typing import NDArray
 from torch import Tensor
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 from svv.core.lanes import LANES, gather, lane_numbers, load, minimum, select, splat, store
 from svv.kernels.numba import pairs

@@ -10,8 +10,9 @@ on the number of threads.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 from svv.kernels.numba.trilinear import ONE32
 

@@ -17,12 +17,13 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 import torch
 from llvmlite import ir
-from numba import njit, prange, types
+from numba import prange, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 from torch import Tensor
 
+from svv.core.compiled import njit
 from svv.kernels.types import Context
 
 ROWS = 4

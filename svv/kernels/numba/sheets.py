@@ -6,8 +6,9 @@ Letters: R rays, S samples, G regions, K sheets.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from svv.core.compiled import njit
 from svv.core.rays.sheets import LEAST
 
 

@@ -8,9 +8,10 @@ numba for the CPU.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 from svv.core.strokes.strokes import (
     FADES,

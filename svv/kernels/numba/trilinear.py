@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 
 ONE32 = np.float32(1.0)

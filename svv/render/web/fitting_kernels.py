@@ -6,7 +6,9 @@ Letters: V vertices, K functions of a direction, S directions of all vertices, o
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from svv.core.compiled import njit
 
 PARTS = 64
 """Parts of the work, more than threads."""

@@ -6,8 +6,9 @@ One thread computes each ray and vertex, without shared sums: results do not dep
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 from svv.core.lanes import (
     LANES,

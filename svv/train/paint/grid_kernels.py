@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from numba import njit, prange
+from numba import prange
+
+from svv.core.compiled import njit
 
 
 @njit(parallel=True, cache=True)

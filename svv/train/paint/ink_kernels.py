@@ -8,7 +8,9 @@ points of the surface, K points of strokes, C candidates for dots, V places to e
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from svv.core.compiled import njit
 
 SAME_SIDE_COSINE = 0.3
 """Cosine of two normals above which they belong to the same side of a surface."""

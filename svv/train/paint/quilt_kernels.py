@@ -6,7 +6,9 @@ Pictures (H, W, 3) are mirrored at the border. Letters: P points, K pieces or ca
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from svv.core.compiled import njit
 
 ABOVE = 1.2
 """How far above and below its plane a piece extends, in radii."""

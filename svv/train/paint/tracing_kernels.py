@@ -6,8 +6,9 @@ A surface is as in :mod:`svv.train.paint.ink_kernels`. Letters: S points, N stro
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from svv.core.compiled import njit
 from svv.train.paint.ink_kernels import look
 
 SAME_SIDE = 0.2

@@ -7,8 +7,9 @@ the number of threads. Letters: N splats, K harmonics, T tiles, P pairs of a spl
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 from svv.core.lanes import (
     LANES,

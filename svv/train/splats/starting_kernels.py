@@ -6,8 +6,9 @@ One thread adds up each cell, in the samples' order. Letters: S samples, C cells
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 from svv.train.splats.raster_kernels import basis_of
 

@@ -15,7 +15,7 @@ from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU
 from svv.train.run import views_there
 from svv.train.run.batches import RayPool
-from svv.train.run.pixels import MARGIN, Pixels, contrast, pixels_of
+from svv.train.run.pixels import MARGIN, Pixels, contrast, pixels_of, steps_to_draw
 
 SIZE = 40
 
@@ -92,6 +92,25 @@ def test_torch_finds_the_same_pixels_in_the_same_order(images: np.ndarray) -> No
     np.testing.assert_array_equal(index, expected.index)
     np.testing.assert_array_equal(counts, expected.counts)
     assert index.dtype == torch.int32
+
+
+def test_pixels_of_large_views_are_in_the_same_order_and_drawn_as_from_a_list() -> None:
+    """Places beyond 65,535 do not fit into the two bytes that are kept of each."""
+    images = np.random.default_rng(0).integers(0, 256, (3, 301, 301, 4), np.uint8)
+    images[:, :, :100] = images[1, 50:] = images[2, :, :, 3] = 0
+    images[2, -1, -1, 3] = 255
+    pixels = Pixels(ViewSet(tuple(sphere_cameras(3, (0.0, 0.0, 0.0), 4.0, 0.5, 301)), images, tuple("abc")))
+    expected = views_there.sorted_by_contrast(torch.from_numpy(images))[0].numpy()
+    np.testing.assert_array_equal(pixels.index, expected)
+    ranks = np.random.default_rng(1).integers(0, len(pixels), 1000)
+    np.testing.assert_array_equal(pixels.ranked(ranks), expected[ranks])
+    share, ends, first = steps_to_draw(pixels.counts, 0.75)
+    where = np.random.default_rng(2).random(5000) * ends[-1]
+    step = np.searchsorted(ends[1:-1], where, side="right")
+    place = np.minimum(first[step] + (where - ends[step]) / share[step], first[step + 1] - 1.0)
+    drawn, weight = pixels.drawn(np.random.default_rng(2), 5000, 0.75)
+    np.testing.assert_array_equal(drawn, expected[place.astype(np.int64)])
+    np.testing.assert_array_equal(weight, (1.0 / share[step]).astype(np.float32))
 
 
 @pytest.mark.parametrize("by_contrast", [0.0, 0.75, 1.0])

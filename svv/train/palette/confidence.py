@@ -103,16 +103,12 @@ def errors_where_alone(seen: Seen, region: Tensor, count: int) -> Array:
 
 def light_in_front(seen: Seen, own: Tensor, count: int) -> Array:
     """Return the mean light that others have in front of a region's points, for regions (S,) of samples. (P,)"""
-
-    def before(weight: Tensor, group: Tensor) -> Tensor:
-        """Return the weight that comes before each sample in its group, if these are in ascending order."""
-        total = weight.cumsum(0, dtype=torch.float64).sub_(weight)
-        return total.sub_(total[torch.searchsorted(group, group, out_int32=True)])
-
-    weight, others = seen.weight, before(seen.weight, seen.ray)
-    group = seen.ray * count + own.to(seen.ray.dtype)
-    order = group.argsort(stable=True)  # within a group, front to back
-    group = group[order]
-    others[order] -= before(weight[order], group)
-    light = summed(own, weight * others, count) / summed(own, weight, count).clamp(min=1e-12)
-    return np.asarray(light.cpu().numpy(), np.float64)
+    first, light = seen.samples.first[seen.ray], []
+    for number in range(count):  # one at a time: there may be tens of millions of samples
+        mine = own == number
+        weight = seen.weight.masked_fill(mine, 0.0)
+        others = weight.cumsum(0, dtype=torch.float64).sub_(weight)  # of all rays so far
+        others.sub_(others[first])
+        weight = seen.weight.masked_fill(~mine, 0.0).double()
+        light.append(float(others @ weight) / max(float(weight.sum()), 1e-12))
+    return np.asarray(light, np.float64)

@@ -34,6 +34,7 @@ from svv.fields.scene.scene import Scene
 from svv.io.views.viewset import ViewSet
 from svv.kernels.constants import moved
 from svv.kernels.dispatch import kernels_for
+from svv.measure import trim_memory
 from svv.train.palette.along_rays import Seen, agreement, divided, joined, summed, unmixed
 from svv.train.palette.confidence import (
     Evidence,
@@ -154,6 +155,7 @@ class _Points:
         self.vertex, self.ray, self.weight, self.cosine, self.colour, self.pixel, self.alpha = (
             torch.cat(columns.pop()) for _ in range(len(columns))
         )
+        trim_memory()  # what following them has freed
         self._until = until
         self._seen = Seen(len(self._places), self.vertex, self.ray, self.weight, self.cosine, self.pixel)
 

@@ -19,6 +19,7 @@ from svv.kernels.dispatch import kernels_for
 from svv.kernels.types import PixelSource, Target
 from svv.train.run import ranks
 from svv.train.run.pixels import pixels_of, steps_to_draw
+from svv.train.run.pixels_kernels import read
 from svv.train.run.views_there import views_on
 
 
@@ -129,9 +130,8 @@ class RayPool:
             return Batch(self._caster.rays(drawn), colours, drawn, weights, part.start, count / rays)
         pixels, weight = pixels_of(self._views).drawn(np.random.default_rng((self._seed, number)), rays, by_contrast)
         pixels, weight = pixels[part], weight[part] / np.float32(rays)
-        # A pixel in one piece: four columns of a row take five times as long.
-        shown = self._levels.view(np.uint32)[pixels, 0].view(np.uint8).reshape(-1, 4) / np.float32(255.0)
-        shown[:, :3] *= shown[:, 3:]
+        shown = np.empty((len(pixels), 4), np.float32)
+        read(self._levels, pixels, shown)
         which = moved(pixels, device)
         colours, weights = moved_at_once((shown, weight), device)
         return Batch(self._caster.rays(which), colours, which, weights, part.start, len(pixels) / rays)
@@ -149,13 +149,13 @@ class RayPool:
     def visible_colours(self, most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return RGB (N, 3) and alpha (N,) in [0, 1] of visible pixels, of too many a stratified sample."""
         there, generator = self._there, np.random.default_rng(self._seed)
-        pool = pixels_of(self._views).index if there is None else there.index
-        chosen = np.arange(min(len(pool), most))
-        if len(pool) > most:
-            places = (chosen + generator.random(most)) * (len(pool) / most)
-            chosen = np.minimum(places.astype(np.int64), len(pool) - 1)
+        count = len(pixels_of(self._views) if there is None else there.index)
+        chosen = np.arange(min(count, most))
+        if count > most:
+            places = (chosen + generator.random(most)) * (count / most)
+            chosen = np.minimum(places.astype(np.int64), count - 1)
         if there is None:
-            levels = self._levels[pool[chosen]]
+            levels = self._levels[pixels_of(self._views).ranked(chosen)]
         else:
             levels = there.levels.view(-1, 4)[there.index[moved(chosen, there.index.device)].long()].cpu().numpy()
         rgba = levels.astype(np.float32) / np.float32(255.0)

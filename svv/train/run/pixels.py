@@ -11,6 +11,7 @@ from scipy.ndimage import maximum_filter
 
 from svv.io.views.viewset import ViewSet
 from svv.measure import trim_memory, usable_cpus
+from svv.train.run.pixels_kernels import BLOCK, draw, find, list_pixels
 
 MARGIN = 9
 """Side in pixels of the square by which the visible part of an image is dilated: its outline must be learned, too."""
@@ -29,9 +30,7 @@ class Pixels:
 
     def __init__(self, views: ViewSet) -> None:
         """Find the pixels of all views, and their contrast."""
-        size = views.images.shape[1] * views.images.shape[2]
-        # Tens of millions of numbers: use the smaller type if it suffices.
-        kind = np.int32 if len(views) * size <= np.iinfo(np.int32).max else np.int64
+        self._size = size = views.images.shape[1] * views.images.shape[2]
 
         def steps_of(image: NDArray[np.uint8]) -> tuple[Place, NDArray[np.uint8]]:
             near = maximum_filter(image[..., 3] > 0, MARGIN)
@@ -40,35 +39,47 @@ class Pixels:
             step[~near[place]] = STEPS
             return place, step
 
-        def list_image(number: int) -> None:
+        def list_view(number: int) -> None:
             (place, step), whole = found[number], np.full(views.images.shape[1:3], STEPS, np.uint8)
             whole[place] = step
-            for k in range(STEPS):
-                begin = first[number, k]
-                self.index[begin : begin + counts[number, k]] = np.flatnonzero(whole == k) + number * size
+            list_pixels(whole.ravel(), first[number], self._low, groups[:, number])
 
         # Steps are kept in bytes and indices go to their places: lists of them would take three times the memory.
         with ThreadPoolExecutor(usable_cpus()) as pool:
             found = list(pool.map(steps_of, views.images))
             counts = np.array([np.bincount(step.ravel(), minlength=STEPS + 1)[:STEPS] for _, step in found])
             first = np.cumsum(counts.T).reshape(STEPS, -1).T - counts
-            self.index: NDArray[np.integer] = np.empty(counts.sum(), kind)
-            """Flat indices among all views, by steps of contrast. (N,)"""
-            list(pool.map(list_image, range(len(views))))
+            self._low, groups = np.empty(counts.sum(), np.uint16), np.zeros((STEPS, len(views), -(-size // BLOCK)), int)
+            list(pool.map(list_view, range(len(views))))
             found.clear()
+        self._starts = np.concatenate([[0], np.cumsum(groups)])
         trim_memory()
-        self.counts = counts.sum(axis=0)
-        """Number of pixels of each step of contrast, int64. (STEPS,)"""
+        self.counts: NDArray[np.int64] = counts.sum(axis=0)
+        """Number of pixels of each step of contrast. (STEPS,)"""
+
+    def __len__(self) -> int:
+        """Return the number of pixels of all views that may be drawn."""
+        return len(self._low)
+
+    def ranked(self, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the flat indices among all views of pixels with these ranks, by steps of contrast. (R,) -> (R,)"""
+        out = np.empty(len(ranks), np.int64)
+        find(ranks, self._low, self._starts, self._size, STEPS, out)
+        return out
+
+    @property
+    def index(self) -> NDArray[np.int64]:
+        """Flat indices of all pixels, by steps of contrast: four times the memory of what is kept of them. (N,)"""
+        return self.ranked(np.arange(len(self)))
 
     def drawn(
         self, generator: np.random.Generator, count: int, by_contrast: float = 0.0
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Return flat indices of pixels, drawn by contrast in part, and weights of an unbiased mean. (count,) each"""
         share, ends, first = steps_to_draw(self.counts, by_contrast)
-        where = generator.random(count) * ends[-1]
-        step = np.searchsorted(ends[1:-1], where, side="right")
-        place = np.minimum(first[step] + (where - ends[step]) / share[step], first[step + 1] - 1.0)
-        return self.index[place.astype(np.int64)].astype(np.int64), (1.0 / share[step]).astype(np.float32)
+        pixels, weight = np.empty(count, np.int64), np.empty(count, np.float32)
+        draw(generator.random(count), share, ends, first, self._low, self._starts, self._size, pixels, weight)
+        return pixels, weight
 
 
 def steps_to_draw(

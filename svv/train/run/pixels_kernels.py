@@ -7,7 +7,9 @@ others are those of the block of 65,536 pixels that a rank in the list belongs t
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from svv.core.compiled import njit
 
 BLOCK = np.int64(1 << 16)
 

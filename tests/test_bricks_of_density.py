@@ -192,15 +192,6 @@ def test_a_brick_holds_the_values_of_its_vertices() -> None:
     np.testing.assert_array_equal(values[at], lattice.table[:, 0].numpy())
 
 
-def test_bricks_that_are_filled_again_are_those_made_anew() -> None:
-    lattice, _ = density(7, (10, 9, 11), 1, 0.7)
-    where, table = lattice.layout, lattice.table[:, 0].numpy().copy()
-    filled = numba_bricks.Refilled(where, table, np.inf)
-    for values in (table, 2.0 * table, np.zeros_like(table), table + 1.0):
-        for found, expected in zip(filled.with_values(values), numba_bricks.made(where, values, np.inf), strict=True):
-            np.testing.assert_array_equal(found, expected)
-
-
 def test_there_are_no_bricks_where_they_are_of_no_use(monkeypatch: pytest.MonkeyPatch) -> None:
     lattice, _ = density(8, (16, 16, 16), 2, 0.9)
     image = Limits(0.02, 1e-3, 0.0, 7.0, 1.0, True)

@@ -101,13 +101,14 @@ def _number(shape, index, slots):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, cache=True)
 def _fill(shape, index, table, slots, values):  # type: ignore[no-untyped-def]
-    """Copy the stored vertices of all bricks, whose numbers are their ``slots``, -1 without any, to ``values``."""
+    """Copy the stored vertices of all bricks to ``values``, and make every brick without any the first one."""
     words, last = (shape[2] + 31) >> 5, np.uint64(len(table) - 1)
     for bx in prange(slots.shape[0]):
         for by in range(slots.shape[1]):
             for bz in range(slots.shape[2]):
                 slot = slots[bx, by, bz]
                 if slot < 0:
+                    slots[bx, by, bz] = 0
                     continue
                 at = slot * VERTICES
                 for x in range(bx * CELLS, (bx + 1) * CELLS + 1):
@@ -161,26 +162,14 @@ def made(where: Lattice, table: Values, most_room: float) -> tuple[NDArray[np.in
     ``table`` (V,): its values or their codes; ``most_room``: most values in the bricks per value in the table. Slots
     are of each brick (bricks along x, y, z), values (B * VERTICES,); a vertex that is not stored has 0.
     """
-    return Refilled(where, table, most_room).with_values(table)
-
-
-class Refilled:
-    """Bricks of a lattice of one level whose values change: they are numbered once."""
-
-    def __init__(self, where: Lattice, table: Values, most_room: float) -> None:
-        """Number the bricks of a lattice, none if they would take too much memory (:func:`made`)."""
-        self._shape, self._index = where.shapes[0].numpy(), where.index.numpy()
-        self._numbers = np.empty([-(-(n - 1) // CELLS) for n in self._shape], np.int32)
-        count = _number(self._shape, self._index, self._numbers)
-        some = 0 < count * VERTICES <= min(most_room * len(table), np.iinfo(np.int32).max)  # places are int32
-        self._slots = np.maximum(self._numbers, 0) if some else NO_VALUES[0]  # of no vertex: those of the first brick
-        self._values = np.zeros(count * VERTICES if some else 0, table.dtype)
-
-    def with_values(self, table: Values) -> tuple[NDArray[np.int32], Values]:
-        """Return slots and values for a table (V,), as :func:`made`, which the next call overwrites."""
-        if self._slots.size:
-            _fill(self._shape, self._index, table, self._numbers, self._values)
-        return self._slots, self._values
+    shape, index = where.shapes[0].numpy(), where.index.numpy()
+    slots = np.empty([-(-(n - 1) // CELLS) for n in shape], np.int32)
+    count = _number(shape, index, slots)
+    if not 0 < count * VERTICES <= min(most_room * len(table), np.iinfo(np.int32).max):  # places are int32
+        return NO_VALUES[0], table[:0]
+    values = np.zeros(count * VERTICES, table.dtype)
+    _fill(shape, index, table, slots, values)
+    return slots, values
 
 
 def keep_bricks(where: Lattice, table: Tensor, most_room: float) -> Bricks:

@@ -36,17 +36,10 @@ from svv.fields.radiance.occupancy import Occupancy
 from svv.fields.radiance.rendering import RayCaster
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU
-from svv.kernels.numba.bricks import MOST_ROOM, Refilled
+from svv.kernels.numba.bricks import MOST_ROOM, made
 from svv.kernels.types import TomographyKernels
 from svv.measure import usable_cpus
-from svv.train.base.tomography_kernels import (
-    back_project,
-    beside_visible,
-    correct,
-    mean_of_squares,
-    optical_depths,
-    weigh,
-)
+from svv.train.base.tomography_kernels import back_project, beside_visible, mean_of_squares, optical_depths
 from svv.train.run.views_there import views_on
 
 Array = NDArray[np.float32]
@@ -54,10 +47,10 @@ Array = NDArray[np.float32]
 COARSEST = 32
 """Cells per box unit of the first lattice."""
 
-ROUNDS = 2, 1, 2
-"""How often all views are used with the first lattice, with each between it and the finest, and with that."""
+ROUNDS = (3, 3, 2)
+"""How often all views are used with the first, the second, and each finer lattice."""
 
-OPAQUE_ROUNDS = 2, 1, 0
+OPAQUE_ROUNDS = (2, 2, 1)
 """The same for views of mostly opaque scenes, whose finest lattice is interpolated: training refines it in any case."""
 
 MOSTLY = 0.5
@@ -72,10 +65,6 @@ COMPARED = 8
 LARGEST_CHANGE = 1.5
 """Largest change of a log extinction in one step."""
 
-PACES = 1.8, 0.6
-"""Power of what a step changes with each lattice, at first and in the end: large steps get there sooner, and small ones
-average what single views say."""
-
 LEAST_DEPTH = 0.5 / 255.0
 """Transmittance that an opaque pixel is taken to have: half a level, so its optical depth is finite."""
 
@@ -87,9 +76,6 @@ LEAST_WEIGHT = 1e-5
 
 START = 1.0
 """Log extinction of the fog from which the reconstruction starts."""
-
-STEP = 1.5
-"""Distance of samples in cells."""
 
 STOP = 9.0
 """Optical depth at which rays end."""
@@ -105,15 +91,12 @@ class Tomography:
         """Start from a fog in the occupied cells; ``seed`` is that of the subsets and of the samples' shifts."""
         self.occupancy = occupancy
         self._views, self._random = views, np.random.default_rng(seed)
-        self._bricks: Refilled | None = None
-        self._sums: Array | None = None
         self._half = not mostly_opaque(views)  # an opaque pixel tells little, so that those that tell more are needed
         self.lattice = self._fog(COARSEST)
 
     def _fog(self, resolution: int) -> SparseLattice:
         lattice = SparseLattice(self.occupancy.occupied, self.occupancy.cells, (resolution,), 1, self.device)
         lattice.requires_grad_(False).table.fill_(START)
-        self._bricks = self._sums = None
         return lattice
 
     def refine(self, occupancy: Occupancy, resolution: int) -> None:
@@ -130,53 +113,55 @@ class Tomography:
         vertices = self._vertices()
         cameras = [smaller(camera, factor) for camera in views.cameras]
         subsets = subsets_of(len(cameras), not self._half)
-        paces = iter(np.linspace(*PACES, count * subsets).tolist())
         for _ in range(count):
             for subset in np.array_split(self._random.permutation(len(cameras)), subsets):
                 caster = RayCaster([cameras[n] for n in subset], occupancy.box, self.device)
                 # Of all views at once, it would be as large as the pictures themselves.
-                self._step(caster, self._reduced(subset, factor), vertices, next(paces))
+                self._step(caster, self._reduced(subset, factor), vertices)
                 if not step_done():
                     return
 
     def _reduced(self, which: NDArray[np.int64], factor: int) -> Any:
         """Return the alpha of some views, averaged over squares of pixels (:func:`reduced`)."""
-        return reduced(self._views.images[..., 3], factor, which)
+        return reduced(self._views.images[which, ..., 3], factor)
 
     def _vertices(self) -> Any:
         """Return integer coordinates of the lattice's vertices, int32. (V, 3)"""
         return self.lattice.vertices_of_level(0, self.occupancy.occupied, self.occupancy.cells).astype(np.int32)
 
-    def _step(self, caster: RayCaster, alpha: Array, vertices: NDArray[np.int32], pace: float) -> None:
-        """Multiply the extinction by what the alpha (N, H, W) of a subset of views suggests, to the power ``pace``."""
+    def _step(self, caster: RayCaster, alpha: Array, vertices: NDArray[np.int32]) -> None:
+        """Multiply the extinction by what the alpha (N, H, W) of a subset of views suggests."""
         # Like the squares of one colour on a chessboard: wherever a vertex is seen, two of the four pixels around it
         # are among them, and the sums only count these.
         near, odd = np.empty(alpha.shape, np.uint8), int(self._random.integers(2)) if self._half else -1
         beside_visible(alpha, odd, near)
-        pixels = np.flatnonzero(near)
-        seen = self._optical_depths(caster, torch.from_numpy(pixels))
-        images, lattice = np.zeros((*alpha.shape, 2), np.float32), self.lattice
-        least = np.float32(LEAST_WEIGHT)
-        weigh(alpha.ravel(), pixels, seen, np.float32(LEAST_DEPTH), least, np.float32(OPAQUE), images.reshape(-1, 2))
-        if self._sums is None or len(self._sums) != len(vertices):
-            self._sums = np.empty((len(vertices), 2), np.float32)
+        rows = np.flatnonzero(near)
+        seen = self._optical_depths(caster, torch.from_numpy(rows))
+        told = alpha.reshape(-1)[rows]
+        depth = -np.log(np.maximum(1.0 - told, LEAST_DEPTH, dtype=np.float32))
+        weight = np.square(1.0 - told) + np.float32(LEAST_WEIGHT)
+        weight[(told >= OPAQUE) & (seen > depth)] = 0.0  # more than opaque is not wrong
+        images = np.zeros((alpha.size, 2), np.float32)
+        images[rows] = np.stack([weight * depth, weight * seen], axis=1)
+        sums, lattice = np.empty((len(vertices), 2), np.float32), self.lattice
         geometry = (t.numpy() for t in caster.cameras)
-        back_project(vertices, np.float32(lattice.resolutions[0]), *geometry, images, self._sums)
-        most, *ends = map(np.float32, (np.exp(LARGEST_CHANGE), LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION))
-        correct(lattice.table[:, 0].numpy(), self._sums, np.float32(pace), least, most, *ends)
+        scale = np.float32(lattice.resolutions[0])
+        back_project(vertices, scale, *geometry, images.reshape(*alpha.shape, 2), sums)
+        change = np.log((sums[:, 0] + LEAST_WEIGHT) / (sums[:, 1] + LEAST_WEIGHT))
+        table = lattice.table[:, 0]
+        table += torch.from_numpy(change.clip(-LARGEST_CHANGE, LARGEST_CHANGE))
+        table.clamp_(LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION)
 
-    def _optical_depths(self, caster: RayCaster, pixels: Tensor, step: float = STEP) -> Array:
-        """Return the optical depth of pixels (R,) of the caster's views, from samples ``step`` cells apart."""
+    def _optical_depths(self, caster: RayCaster, pixels: Tensor) -> Array:
+        """Return the optical depth of pixels (R,) of the caster's views."""
         rays, occupancy, layout = caster.rays(pixels), self.occupancy, self.lattice.layout
         out, table = np.empty(len(pixels), np.float32), self.lattice.table[:, 0].numpy()
-        if self._bricks is None:
-            self._bricks = Refilled(layout, table, MOST_ROOM)
         optical_depths(
             rays.origins.numpy(), rays.directions.numpy(), occupancy.distance_on(CPU).numpy(),
             np.float32(occupancy.cells), np.asarray(occupancy.box.extent, np.float32),
-            np.float32(step / self.lattice.resolutions[0]), np.float32(self._random.random()),
+            np.float32(1.0 / self.lattice.resolutions[0]), np.float32(self._random.random()),
             layout.shapes.numpy(), layout.scales.numpy(), layout.bases.numpy(), layout.index.numpy(),
-            table, np.float32(STOP), out, self._bricks.with_values(table),
+            table, np.float32(STOP), out, made(layout, table, MOST_ROOM),
         )  # fmt: skip
         return out
 
@@ -192,14 +177,15 @@ class Tomography:
     def _error(self, caster: RayCaster, alpha: Any) -> float:
         """Return the mean squared error of the alpha of the caster's views, from a quarter of their pixels."""
         pixels = np.arange(alpha.size).reshape(alpha.shape)[:, ::2, ::2].ravel()
-        seen = self._optical_depths(caster, torch.from_numpy(pixels), 1.0)
+        seen = self._optical_depths(caster, torch.from_numpy(pixels))
         return float(np.square(1.0 - np.exp(-seen) - alpha.reshape(-1)[pixels]).mean())
 
 
 def planned(levels: int, opaque: bool) -> list[int]:
     """Return how often all views are used with each of some lattices, from the coarsest to the finest."""
-    first, between, finest = OPAQUE_ROUNDS if opaque else ROUNDS
-    return [first, *[between] * (levels - 2), finest][:levels]
+    rounds = OPAQUE_ROUNDS if opaque else ROUNDS
+    plan = [rounds[min(k, len(rounds) - 1)] for k in range(levels)]
+    return [*plan[:-1], 0] if opaque and levels > 1 else plan
 
 
 def subsets_of(views: int, opaque: bool) -> int:
@@ -284,14 +270,11 @@ def pixels_a_cell(cameras: Sequence[Camera], occupancy: Occupancy, resolution: i
     return int(np.clip(round(1.0 / (resolution * pixel)), 1, max(1, min(cameras[0].width, cameras[0].height) // 8)))
 
 
-def reduced(alpha: NDArray[np.uint8], factor: int, which: NDArray[np.int64] | None = None) -> Array:
-    """Return alpha in [0, 1], averaged over squares of pixels: (N, H, W) -> (N, H // factor, W // factor).
-
-    ``which`` (M,) of the N views are returned, by default all.
-    """
-    which = np.arange(len(alpha)) if which is None else which
-    out = np.empty((len(which), alpha.shape[1] // factor, alpha.shape[2] // factor), np.float32)
-    mean_of_squares(alpha, which, factor, out)
+def reduced(alpha: NDArray[np.uint8], factor: int) -> Array:
+    """Return alpha in [0, 1], averaged over squares of pixels: (N, H, W) -> (N, H // factor, W // factor)."""
+    n, height, width = len(alpha), alpha.shape[1] // factor, alpha.shape[2] // factor
+    out = np.empty((n, height, width), np.float32)
+    mean_of_squares(alpha, factor, out)
     return out
 
 
@@ -327,7 +310,7 @@ class TomographyThere(Tomography):
     def _vertices(self) -> Any:
         return torch.from_numpy(np.ascontiguousarray(super()._vertices())).to(self.device)
 
-    def _step(self, caster: RayCaster, alpha: Any, vertices: Any, pace: float) -> None:
+    def _step(self, caster: RayCaster, alpha: Any, vertices: Any) -> None:
         near = max_pool2d((alpha > 0).float()[:, None], 3, 1, 1)
         rows = near.flatten().nonzero()[:, 0]
         seen, told = self._seen(caster, rows), alpha.reshape(-1)[rows]
@@ -341,19 +324,18 @@ class TomographyThere(Tomography):
         )
         change = ((sums[:, 0] + LEAST_WEIGHT) / (sums[:, 1] + LEAST_WEIGHT)).log()
         table = self.lattice.table[:, 0]
-        table += pace * change.clamp(-LARGEST_CHANGE, LARGEST_CHANGE)
+        table += change.clamp(-LARGEST_CHANGE, LARGEST_CHANGE)
         table.clamp_(LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION)
 
-    def _seen(self, caster: RayCaster, pixels: Tensor, step: float = STEP) -> Tensor:
-        """Return the optical depth of pixels (R,) of the caster's views, from samples ``step`` cells apart."""
+    def _seen(self, caster: RayCaster, pixels: Tensor) -> Tensor:
+        """Return the optical depth of pixels (R,) of the caster's views."""
         rays, occupancy = caster.rays(pixels), self.occupancy
         return self.kernels.optical_depths(
             (rays.origins, rays.directions), occupancy.distance_on(self.device), occupancy.cells,
-            occupancy.box.extent, step / self.lattice.resolutions[0], self._random.random(), self.lattice.layout,
+            occupancy.box.extent, 1.0 / self.lattice.resolutions[0], self._random.random(), self.lattice.layout,
             self.lattice.table, STOP,
         )  # fmt: skip
 
     def _error(self, caster: RayCaster, alpha: Any) -> float:
-        pixels = torch.arange(alpha.numel(), device=self.device).view(alpha.shape)[:, ::2, ::2].flatten()
-        seen = self._seen(caster, pixels, 1.0)
-        return float((1.0 - (-seen).exp() - alpha.reshape(-1)[pixels]).square().mean())
+        seen = self._seen(caster, torch.arange(alpha.numel(), device=self.device))
+        return float((1.0 - (-seen).exp() - alpha.reshape(-1)).square().mean())

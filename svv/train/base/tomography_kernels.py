@@ -11,7 +11,6 @@ from numba import prange
 from svv.core.compiled import njit
 from svv.core.fast_math import FAST_MATH
 from svv.core.lanes import (
-    ARTANH,
     LANES,
     as_floats,
     bits_of,
@@ -50,21 +49,21 @@ TWO, BEFORE = np.float32(2.0), np.int32(-1)
 
 
 @njit(parallel=True, cache=True)
-def mean_of_squares(alpha, which, factor, out):  # type: ignore[no-untyped-def]
-    """Write the mean of alpha, uint8 (N, H, W), of some views over squares of ``factor`` pixels as float32 in [0, 1].
+def mean_of_squares(alpha, factor, out):  # type: ignore[no-untyped-def]
+    """Write the mean of alpha, uint8 (N, H, W), over squares of ``factor`` pixels as float32 in [0, 1].
 
-    ``which`` (M,) are the views, int64; ``out`` is of (M, H / factor, W / factor), rounded down.
+    ``out`` is of (N, H / factor, W / factor), rounded down.
     """
     _, height, width = out.shape
     parts, levels = np.float32(factor * factor), np.float32(255.0)
     for n in prange(out.shape[0]):
-        total, view = np.empty(width, np.int64), which[n]
+        total = np.empty(width, np.int64)
         for y in range(height):
             total[:] = 0
             for i in range(factor * y, factor * (y + 1)):
                 for x in range(width):
                     for j in range(factor * x, factor * (x + 1)):
-                        total[x] += alpha[view, i, j]
+                        total[x] += alpha[n, i, j]
             for x in range(width):
                 out[n, y, x] = np.float32(total[x]) / parts / levels
 
@@ -230,38 +229,3 @@ def _pixels(place, count):  # type: ignore[no-untyped-def]
     own = select((first >= 0) & (first <= last), ONE - part, nothing)
     following = select((first >= -1) & (first < last), part, nothing)
     return minimum(maximum(first, splat(BEFORE)), splat(last)), own, following
-
-
-@njit(parallel=True, fastmath=FAST_MATH, cache=True)
-def weigh(alpha, pixels, seen, least_depth, least_weight, opaque, images):  # type: ignore[no-untyped-def]
-    """Write to ``images`` (P, 2) what pixels should show and what they show: both optical depths, weighted alike.
-
-    ``alpha`` (P,) is that of all pixels, of which ``pixels`` (R,), int64, have the depths ``seen`` (R,). A pixel with
-    an alpha of at least ``opaque`` that shows more than its depth is not wrong, and has no weight.
-    """
-    for k in prange(len(pixels)):
-        pixel = pixels[k]
-        told = alpha[pixel]
-        through = ONE - told
-        depth = -np.log(max(through, least_depth))
-        weight = through * through + least_weight
-        if told >= opaque and seen[k] > depth:
-            weight = ZERO
-        images[pixel, 0], images[pixel, 1] = weight * depth, weight * seen[k]
-
-
-@njit(parallel=True, fastmath=FAST_MATH, cache=True)
-def correct(table, sums, pace, least_weight, most, lowest, highest):  # type: ignore[no-untyped-def]
-    """Multiply extinctions, whose logarithms are the ``table`` (V,), by powers of the ratios of their ``sums`` (V, 2).
-
-    ``pace`` is the exponent, ``least_weight`` is added to both sums, and ratios lie between 1 / ``most`` and ``most``.
-    Logarithms stay between ``lowest`` and ``highest``. All are float32.
-    """
-    for v in prange(len(table)):
-        ratio = (sums[v, 0] + least_weight) / (sums[v, 1] + least_weight)
-        ratio = min(max(ratio, ONE / most), most)
-        z = (ratio - ONE) / (ratio + ONE)  # its logarithm is 2 artanh(z), whose series takes no call and ends soon
-        zz, series = z * z, ARTANH[0]
-        for k in range(1, len(ARTANH)):
-            series = series * zz + ARTANH[k]
-        table[v] = min(max(table[v] + pace * z * series, lowest), highest)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
 
 import svv
+from svv.core.compiled import njit
 
 KERNEL = """
 import json, sys
@@ -61,6 +66,25 @@ def test_kept_code_is_loaded_without_the_compiler(tmp_path: Path) -> None:
     assert run(tmp_path, NUMBA_DISABLE_JIT="1") == [12.0, False, 12, None, 2]
     kernel.write_text(KERNEL.replace("2 * numbers[i]", "3 * numbers[i]"))
     assert run(tmp_path)[0] == 18.0  # a changed source is compiled again
+
+
+@pytest.mark.parametrize("system", ["nt", "posix"])
+def test_a_file_that_another_process_writes_counts_as_none_on_windows(
+    system: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As with numba's own class; elsewhere, a file that may not be read is an error."""
+
+    def write_elsewhere(*_: object) -> None:
+        raise PermissionError(errno.EACCES, "used by another process")
+
+    kernel = njit(cache=True)(lambda number: number + 1)
+    monkeypatch.setattr(kernel._cache, "_load_overload", write_elsewhere)
+    monkeypatch.setattr("numba.core.caching.os", SimpleNamespace(name=system))
+    if system == "nt":
+        assert kernel._cache.load_overload((), kernel.targetctx) is None
+    else:
+        with pytest.raises(PermissionError):
+            kernel._cache.load_overload((), kernel.targetctx)
 
 
 def test_no_kept_kernel_hashes() -> None:

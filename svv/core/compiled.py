@@ -20,7 +20,10 @@ class _Kept(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the code for a signature; None if it is not kept, after the compiler was prepared."""
         rtsys.initialize(target_context)
-        return self._load_overload(sig, target_context) or super().load_overload(sig, target_context)
+        kept = None
+        with self._guard_against_spurious_io_errors():  # on Windows, another process may be writing the file
+            kept = self._load_overload(sig, target_context)
+        return kept or super().load_overload(sig, target_context)
 
 
 def njit(*function: Callable[..., Any], cache: bool = False, **options: Any) -> Any:

@@ -85,13 +85,13 @@ def test_widened_cells_are_those_of_scipy(shape: tuple[int, int, int], seed: int
 @pytest.mark.parametrize("grow", [False, True])
 def test_pruning_keeps_what_is_visible(grow: bool) -> None:
     occupied = cells_of((6, 5, 7), 0.6, 1).numpy()
-    depth = np.random.default_rng(2).random(int(occupied.sum())).astype(np.float32)
+    extinction = np.random.default_rng(2).random(int(occupied.sum())).astype(np.float32)
     visible = np.zeros(occupied.shape, bool)
-    visible[occupied > 0] = depth >= 0.8
+    visible[occupied > 0] = extinction >= 0.8
     if grow:
         visible = binary_dilation(visible, np.ones((3, 3, 3), bool))
     pruned = Occupancy(Box((0.0,) * 3, 1.0, (0.8, 0.7, 1.0)), 7, occupied, 24).pruned(
-        torch.from_numpy(depth).to(DEVICE), 0.8, grow
+        torch.from_numpy(extinction).to(DEVICE), 0.8, grow
     )
     np.testing.assert_array_equal(pruned.occupied, occupied * visible)
     assert pruned.occupied.dtype == np.uint8

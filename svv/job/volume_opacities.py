@@ -22,7 +22,7 @@ from svv.dvr.functions.transfer_functions import TransferFunction
 from svv.errors import BadInput
 from svv.fields.following.other_cells import on_cells
 from svv.fields.radiance.encodings import SparseLattice
-from svv.fields.radiance.occupancy import PRUNED, Occupancy, least_extinction
+from svv.fields.radiance.occupancy import FAINTEST, Occupancy, least_extinction
 from svv.fields.radiance.rendering import RayCaster, composite, march
 from svv.fields.scene.scene import Scene
 
@@ -80,7 +80,7 @@ def with_opacities_of(
         return replace(scene, made={**scene.made, APPROXIMATE: []})
     field = new.astype(np.float32)
     field[there] = adapted(learned, old[there].astype(np.float64), new[there].astype(np.float64))
-    least = np.log(least_extinction(PRUNED / scene.marching.step, float(np.exp(field.max()))))
+    least = np.log(least_extinction(FAINTEST, float(np.exp(field.max()))))
     occupied = cells_with(field >= least, cells, grid_shape(occupancy.box, occupancy.cells), occupancy.cells)
     filled = Occupancy(occupancy.box, occupancy.cells, occupied)
     lattice = SparseLattice(occupied, occupancy.cells, (cells,), 1).requires_grad_(False)

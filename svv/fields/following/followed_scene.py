@@ -20,7 +20,7 @@ from svv.errors import BadInput
 from svv.fields.following.carried_paint import at_rest, carried
 from svv.fields.radiance.encodings import SparseLattice
 from svv.fields.radiance.networks import BaseField, PaletteField, UnrestrictedField
-from svv.fields.radiance.occupancy import PRUNED, Occupancy, largest_in, least_extinction
+from svv.fields.radiance.occupancy import FAINTEST, Occupancy, largest_in, least_extinction
 from svv.fields.radiance.of_values import SLOPES, VALUES, exponents_at, fill_features, fill_palette
 from svv.fields.radiance.time_steps import TimeSteps
 from svv.fields.radiance.value_function import ValueFunction
@@ -202,10 +202,10 @@ def _occupied(
     density, own = scene.base.density, scene.occupancy
     assert density is not None
     finer = 2 ** max(0, round(np.log2(box.size / own.box.size)))
-    cells, step = finer * own.cells, scene.marching.step / finer
+    cells = finer * own.cells
     longer = float(np.log(box.size / function.size))
     rows = function.table.reshape(VALUES, SLOPES)[:, 0].cpu().numpy() + longer
-    least = least_extinction(PRUNED * grid.cells, float(np.exp(rows.max())))
+    least = least_extinction(FAINTEST, float(np.exp(rows.max())))
     seen = np.concatenate([[0], np.cumsum(rows > np.log(least))])  # a cell with a visible value is occupied
     codes = grid.values()
     row = np.minimum((codes * (VALUES - 1)).astype(np.int32), VALUES - 2)
@@ -228,8 +228,8 @@ def _occupied(
     lattice.table.copy_(exponents_at(function, grid, lattice, occupancy)[:, None])
     corner = occupancy.occupied_on(CPU).nonzero()
     between = lattice.resolutions[0] <= cells  # no vertex lies within a cell
-    depth = largest_in(lambda points: lattice(points)[:, 0], corner, occupancy, corners=between) * step
-    left = occupancy.pruned(depth, least_extinction(PRUNED, float(depth.max())), grow=False)
+    largest = largest_in(lambda points: lattice(points)[:, 0], corner, occupancy, corners=between)
+    left = occupancy.pruned(largest, least_extinction(FAINTEST, float(largest.max())), grow=False)
     if not left.occupied.any():
         left.occupied[tuple(corner[0].tolist())] = 1
         left = Occupancy(box, cells, left.occupied)

@@ -39,7 +39,15 @@ CELLS_AT_A_TIME = 1 << 18
 """Cells whose largest extinction is looked for together, to bound the memory."""
 
 PRUNED = 0.003
-"""Optical depth of a training step below which a cell counts as empty."""
+"""Optical depth of a training step below which a cell counts as empty, where views alone tell the extinction."""
+
+SHORTEST_STEP = 1.0 / 256.0
+"""Step in box units of which that is the optical depth, where steps are shorter: what is faint does not get empty by
+being sampled more often."""
+
+FAINTEST = 0.06
+"""Extinction in 1 / box unit below which cells of a known volume count as empty: haze that fills the whole box would
+have an alpha of 6 %. The volume's grid stores no extinction below 0.05 (``EMPTY_LOG_EXTINCTION``)."""
 
 
 @dataclass
@@ -85,15 +93,15 @@ class Occupancy:
         """Return an occupancy with every cell occupied."""
         return cls(box, cells, np.ones(grid_shape(box, cells), np.uint8))
 
-    def pruned(self, optical_depth: Tensor, least: float, grow: bool) -> Occupancy:
-        """Return the occupancy without the cells in which a step never reaches the optical depth ``least``.
+    def pruned(self, extinction: Tensor, least: float, grow: bool) -> Occupancy:
+        """Return the occupancy without the cells in which the extinction never reaches ``least``.
 
-        ``optical_depth``: the largest of a step found in each occupied cell, in raster order, on the device that is to
-        do the work; ``grow``: whether to keep the neighbours of visible cells as well (while surfaces still move).
+        ``extinction``: the largest one found in each occupied cell, in raster order, on the device that is to do the
+        work; ``grow``: whether to keep the neighbours of visible cells as well (while surfaces still move).
         """
-        occupied = self.occupied_on(optical_depth.device)
+        occupied = self.occupied_on(extinction.device)
         visible = torch.zeros_like(occupied, dtype=torch.bool)
-        visible[occupied > 0] = optical_depth >= least
+        visible[occupied > 0] = extinction >= least
         left = occupied * (widened(visible) if grow else visible)
         result = Occupancy(self.box, self.cells, left.cpu().numpy(), self.samples_a_ray)
         result._moved[left.device] = left
@@ -152,6 +160,15 @@ def carve(masks: NDArray[np.bool_] | NDArray[np.uint8] | Tensor, cameras: Sequen
         corners = np.stack([filled.min(0), filled.max(0) + 1]) / resolution
         box = Box.of_bounds(*box.to_world(corners))
     return Occupancy(box, cells, _hull(small, cameras, box, cells))
+
+
+def pruned_extinction(depth: float, step: float) -> float:
+    """Return the extinction below which training prunes cells if a ``step`` in them has less optical depth.
+
+    >>> pruned_extinction(0.003, 1 / 64), pruned_extinction(0.003, 1 / 2048)
+    (0.192, 0.768)
+    """
+    return depth / max(step, SHORTEST_STEP)
 
 
 def least_extinction(pruned: float, largest: float) -> float:

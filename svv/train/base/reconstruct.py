@@ -14,7 +14,7 @@ from torch import Tensor
 from svv.core.rays.extinction import LEAST_LOG_EXTINCTION, MOST_LOG_EXTINCTION
 from svv.fields.radiance.encodings import LatticeAdam, SparseLattice
 from svv.fields.radiance.networks import BaseField, FieldSettings, encode_directions, learning
-from svv.fields.radiance.occupancy import Occupancy, least_extinction
+from svv.fields.radiance.occupancy import FAINTEST, Occupancy, least_extinction, pruned_extinction
 from svv.fields.radiance.rendering import Extinction, Marching, composite, march, not_hidden, representatives
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU, kernels_for
@@ -82,9 +82,11 @@ class Reconstruction:
         self.settings, self.field_settings, self.device = settings, field, device
         known = beginning.density
         self.known = known is not None
+        self.told = self.known and not beginning.measured
+        """Whether the volume told the extinction."""
         self.density_rate = settings.density_rate
         self.prune_least = settings.prune_least
-        if self.known and not beginning.measured:
+        if self.told:
             self.density_rate = settings.known_density_rate
         elif self.known and mostly_opaque(views):
             self.density_rate = OPAQUE_DENSITY_RATE
@@ -255,8 +257,8 @@ class Reconstruction:
         """Remove the cells in which nothing is visible any more."""
         exponent = partial(log_extinction, self.field)
         largest = largest_extinction(exponent, self.occupancy, self.device, shared=True, lattice=self.field.density)
-        depth = largest * self.marching.step
-        pruned = self.occupancy.pruned(depth, least_extinction(self.prune_least, float(depth.max())), grow)
+        least = FAINTEST if self.told else pruned_extinction(self.prune_least, self.marching.step)
+        pruned = self.occupancy.pruned(largest, least_extinction(least, float(largest.max())), grow)
         if pruned.occupied.any():
             self.occupancy.forget_distances()
             self.occupancy = pruned

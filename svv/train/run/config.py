@@ -77,7 +77,7 @@ class ReconstructSettings(FitSettings):
     prune_every: int = 100
     """Number of steps between prunings of the occupancy."""
     prune_least: float = PRUNED
-    """Optical depth per step below which a cell is pruned."""
+    """Optical depth per step below which a cell is pruned, where views alone tell the extinction."""
     cells: int = 128
     """Number of occupancy cells along the longest side."""
 

@@ -274,7 +274,7 @@ def hazy(depth: float) -> ViewSet:
 
 @pytest.mark.parametrize("cell", [2.5, 0.3], ids=["usual steps", "short steps"])
 def test_haze_around_something_opaque_stays(cell: float) -> None:
-    """Haze with an alpha of a third, or a seventh in this small volume, vanished without a word, for its extinction was small beside that of the ball."""
+    """Of a larger volume, haze with an alpha of a third vanished without a word, of this one with a seventh."""
     views, draft = hazy(0.16), PRESETS["draft"]
     short = replace(
         draft,

@@ -26,6 +26,7 @@ from svv.io.views.equal_views import equal_views
 from svv.io.views.viewset import ViewSet
 from svv.measure import let_go_in_commands, trim_memory
 from svv.train.base.feature_levels import with_fewest_levels
+from svv.train.base.finer_features import finer_for_normals
 from svv.train.base.first_extinction import Beginning, begin, first_occupancy
 from svv.train.base.from_values import ValueReconstruction, field_of
 from svv.train.base.reconstruct import Reconstruction, reconstruct
@@ -185,6 +186,10 @@ class Training:
             self.notes.append(reason)
         beginning = replace(self._beginning(occupancy, field), values=values)
         if values is None and chosen.fitted:
+            field, finer = finer_for_normals(field, views, beginning, chosen.reconstruct, self.seed)
+            if finer is not None:
+                self.notes.append(finer)
+                beginning = self._beginning(occupancy, field)
             field, left_out = affordable_field(field, beginning.occupancy, chosen.reconstruct)
             self.notes += [] if left_out is None else [left_out]
         return field, beginning

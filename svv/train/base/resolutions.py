@@ -44,9 +44,7 @@ def fitted_field(
     ``settings.most_cells`` of them along the box; each coarser level has half as many cells, down to 16.
     """
     finest, least = settings.most_cells, settings.pixels_a_cell
-    centre = box.bounds.mean(axis=0)
-    # Cameras at several distances: what half of them resolve.
-    pixel = float(np.median([c.pixel_at(float(np.linalg.norm(c.position - centre))) for c in cameras]) / box.size)
+    pixel = pixel_in(cameras, box)
     best = 1.0 / (least * pixel)
     levels = [16]
     while levels[-1] * 2 <= min(best, finest):
@@ -58,6 +56,12 @@ def fitted_field(
         else f"the finest of {len(levels)} levels has {finest} cells, the most this preset allows"
     )
     return FieldSettings(**{**field.to_json(), "resolutions": tuple(levels)}), reason  # type: ignore[arg-type]
+
+
+def pixel_in(cameras: Sequence[Camera], box: Box) -> float:
+    """Return the side of a pixel at the centre of a box, in box units; of several distances, what half resolve."""
+    centre = box.bounds.mean(axis=0)
+    return float(np.median([c.pixel_at(float(np.linalg.norm(c.position - centre))) for c in cameras]) / box.size)
 
 
 def affordable_field(

@@ -206,7 +206,10 @@ def _occupied(
     longer = float(np.log(box.size / function.size))
     rows = function.table.reshape(VALUES, SLOPES)[:, 0].cpu().numpy() + longer
     least = least_extinction(FAINTEST, float(np.exp(rows.max())))
-    seen = np.concatenate([[0], np.cumsum(rows > np.log(least))])  # a cell with a visible value is occupied
+    # A cell with a visible value is occupied: others' extinction is next to nothing, and was not learned.
+    low, high = (np.array(function.visible) * (VALUES - 1)).round().astype(np.int64)
+    visible = (np.arange(VALUES) >= low - 1) & (np.arange(VALUES) <= high + 1)
+    seen = np.concatenate([[0], np.cumsum(visible & (rows > np.log(least)))])
     codes = grid.values()
     row = np.minimum((codes * (VALUES - 1)).astype(np.int32), VALUES - 2)
     low, high = row, row + 1

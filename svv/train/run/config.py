@@ -56,7 +56,7 @@ class ReconstructSettings(FitSettings):
     """Target number of visible samples per step: opaque scenes have few along a ray, translucent ones many."""
     pixels_a_cell: float = 2.5
     """Minimum number of pixels that the finest cell of the features covers, if the lattice is fitted to the views: in a
-    short training, too few rays see finer cells to train them."""
+    short training, too few rays see finer cells to train them. Half as many where a volume's normals turn within it."""
     most_cells: int = 256
     """Maximum number of such cells along the longest side."""
     most_vertices: int = 1 << 24

@@ -22,9 +22,9 @@ from svv.fields.radiance.occupancy import (
     least_extinction,
     pruned_extinction,
 )
-from svv.fields.radiance.rendering import RayCaster
 from svv.io.views.viewset import ViewSet
 from svv.kernels.dispatch import CPU, kernels_of
+from svv.train.base.left_out import prune_unseen, say_left_out
 from svv.train.base.tomography import TomographyThere, extinction_from
 from svv.train.run import ranks
 from svv.train.run.checkpoint import Arrays
@@ -41,12 +41,6 @@ is exact enough for a skin of 1 % in boxes without empty corners, whose steps ar
 KNOWN_CELLS = 4
 """Maximum number of cells of an extinction that the volume tells, per cell of the finest features. Twice as many as
 elsewhere gain 1.4 dB for a stent and 2 dB for an embryo."""
-
-SHOWN = 3
-"""Alpha of a pixel, of 255, from which it shows something."""
-
-MISSED = 0.01
-"""Part of the pixels that show something from which it is said that they see no occupied cell."""
 
 POINTS_AT_A_TIME = 1 << 18
 """Number of points whose extinction a network computes together."""
@@ -103,23 +97,10 @@ def first_occupancy(
         occupancy = Occupancy(known.box, settings.cells, occupied)
         reason = (
             "the extinction is that of the volume and its transfer function, which fill "
-            f"{occupancy.fraction:.1%} of the box; training refines it{_left_out(views, occupancy)}"
+            f"{occupancy.fraction:.1%} of the box; training refines it{say_left_out(views, occupancy)}"
         )
     progress(1.0, "where to look")
     return occupancy, reason
-
-
-def _left_out(views: ViewSet, occupancy: Occupancy) -> str:
-    """Return what is to be said of visible pixels whose rays meet no occupied cell, in three views."""
-    visible, missed = 0, 0
-    for k in range(0, len(views), max(1, len(views) // 3)):
-        shown = views.images[k, ..., 3].ravel() >= SHOWN
-        visible += int(shown.sum())
-        shown[RayCaster([views.cameras[k]], occupancy.box, CPU).in_sight(occupancy).numpy()] = False
-        missed += int(shown.sum())
-    if missed < MISSED * visible:
-        return ""
-    return f"; {missed / visible:.0%} of the visible pixels show only haze that is too faint for it, and stay empty"
 
 
 def begin(
@@ -147,19 +128,20 @@ def begin(
     if field.encoding != "lattice" or not settings.tomography:
         return Beginning(occupancy), None
 
-    def pruned(lattice: SparseLattice, where: Occupancy, grow: bool) -> Occupancy:
+    def without_empty(lattice: SparseLattice, where: Occupancy, grow: bool) -> Occupancy:
         corners, device = lattice.resolutions[-1] <= where.cells, lattice.table.device
         extinction = largest_extinction(lambda points: lattice(points)[:, 0], where, device, corners=corners)
         least = least_extinction(pruned_extinction(FAINT_PRUNE_LEAST, 1.0 / finest), float(extinction.max()))
-        left = where.pruned(extinction, least, grow)
+        left = prune_unseen(views, where, extinction, least, grow)
         return left if left.occupied.any() else where
 
     kernels = kernels_of(device.type).TOMOGRAPHY
     work = None if kernels is None else TomographyThere(views, occupancy, seed, kernels, device)
     density, left, reason = extinction_from(
-        views, occupancy, min(finest, MOST_CELLS), pruned, seed, progress, limit, work
+        views, occupancy, min(finest, MOST_CELLS), without_empty, seed, progress, limit, work
     )
-    return Beginning(left, density, measured=True), f"{reason}, in {left.fraction:.1%} of the box; training refines it"
+    reason = f"{reason}, in {left.fraction:.1%} of the box; training refines it{say_left_out(views, left, occupancy)}"
+    return Beginning(left, density, measured=True), reason
 
 
 def known_volume(views: ViewSet, settings: ReconstructSettings, field: FieldSettings) -> ClassifiedVolume | None:

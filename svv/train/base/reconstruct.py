@@ -29,6 +29,7 @@ from svv.train.base.first_extinction import (
     largest_extinction,
     log_extinction,
 )
+from svv.train.base.left_out import prune_unseen
 from svv.train.base.tomography import mostly_opaque
 from svv.train.run import ranks
 from svv.train.run.batches import Batch, RayBudget, RayPool
@@ -79,6 +80,7 @@ class Reconstruction:
         device: torch.device = CPU,
     ) -> None:
         torch.manual_seed(seed)
+        self.views = views
         self.settings, self.field_settings, self.device = settings, field, device
         known = beginning.density
         self.known = known is not None
@@ -258,10 +260,10 @@ class Reconstruction:
         exponent = partial(log_extinction, self.field)
         largest = largest_extinction(exponent, self.occupancy, self.device, shared=True, lattice=self.field.density)
         least = FAINTEST if self.told else pruned_extinction(self.prune_least, self.marching.step)
-        pruned = self.occupancy.pruned(largest, least_extinction(least, float(largest.max())), grow)
-        if pruned.occupied.any():
+        left = prune_unseen(self.views, self.occupancy, largest, least_extinction(least, float(largest.max())), grow)
+        if left.occupied.any():
             self.occupancy.forget_distances()
-            self.occupancy = pruned
+            self.occupancy = left
             self._forget()
 
     def layout(self) -> dict[str, NDArray[np.generic]]:

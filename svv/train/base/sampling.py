@@ -46,8 +46,8 @@ LOST = 1.05
 0.2 dB on views that were learned from, at most 0.1 on others."""
 
 LOST_IN_NARROW = 1.2
-"""The same where cells are narrower than pixels alone would allow (:mod:`svv.train.base.finer_features`): images are
-1 dB better than with wider cells even so, and take .6 of the time that they take otherwise."""
+"""The same where cells are narrower than pixels alone would allow (:mod:`svv.train.base.finer_features`): large
+images are .5 to 1.1 dB better than with wider cells even so, and take .6 of the time that they take otherwise."""
 
 COMPARED, SIDE = 3, 64
 """Views in which that is tried, and pixels along a side of the raster of those that are."""

@@ -39,14 +39,13 @@ def say_left_out(views: ViewSet, occupancy: Occupancy, before: Occupancy | None 
 
 
 def prune_unseen(views: ViewSet, occupancy: Occupancy, extinction: Tensor, least: float, grow: bool) -> Occupancy:
-    """Return the occupancy without cells whose extinction is below ``least``, or below less where pixels need them.
+    """Return the occupancy without cells whose extinction is below ``least``, or as it is where pixels need them.
 
     Haze around something opaque has little extinction, but pixels that show nothing else. Arguments as for
     :meth:`svv.fields.radiance.occupancy.Occupancy.pruned`.
     """
-    left = occupancy.pruned(extinction, least, grow)
-    most = missed(views, occupancy) + MISSED if least > FAINTEST else 1.0
-    while least > FAINTEST and missed(views, left) > most:
-        least = max(FAINTEST, 0.5 * least)
-        left = occupancy.pruned(extinction, least, grow)
-    return left
+    if least <= FAINTEST:
+        return occupancy.pruned(extinction, least, grow)
+    # Twice as much: of haze around the limit, patches would stay.
+    needed = missed(views, occupancy.pruned(extinction, 2.0 * least, grow)) > missed(views, occupancy) + MISSED
+    return occupancy if needed else occupancy.pruned(extinction, least, grow)

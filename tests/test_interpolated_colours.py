@@ -73,7 +73,7 @@ def test_colours_that_vary_linearly_are_those_of_samples(seed: int, counts: list
     assert found is not None
     places, place = found
     at, drawn, exact = surface(place), images(), images()
-    colours = at.colour, opacity.expand(len(place)), at.region
+    colours = at.colour, None if opaque == 1.0 else opacity.expand(len(place)), at.region
     vertices.composite([(samples, origins, drawn)], places, SHAPE, SCALE, colours, 1, 2.0)
     image.composite(samples, samples.sigma, surface(samples.position), opacity, origins, 2.0, exact)
     for one, other in zip(drawn, exact, strict=True):

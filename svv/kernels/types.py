@@ -440,12 +440,13 @@ class VertexKernels(Protocol):
 
     def composite(
         self, pieces: Sequence[tuple[Samples, Tensor, tuple[Tensor, Tensor, Tensor]]], places: Tensor,
-        shape: tuple[int, int, int], scale: float, colours: tuple[Tensor, Tensor, Tensor], regions: int, size: float,
+        shape: tuple[int, int, int], scale: float, colours: tuple[Tensor, Tensor | None, Tensor], regions: int,
+        size: float,
     ) -> None:  # fmt: skip
         """Composite rays as :meth:`ImageKernels.composite`: ``pieces`` are samples, origins, and images to draw into.
 
-        ``places``: from :meth:`touched`; ``colours``: colour (V, 3), factor on the extinction > 0 (V,), and region (V,)
-        of ``regions``. The factor is interpolated, the colour in proportion to it, and a sample's region is that of the
+        ``places``: from :meth:`touched`; ``colours``: colour (V, 3), factor on the extinction > 0 (V,), None if it is
+        1 everywhere, and region (V,) of ``regions``. The factor is interpolated, the colour in proportion to it, and a sample's region is that of the
         nearest vertex.
         """
 

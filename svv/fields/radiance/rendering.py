@@ -70,6 +70,8 @@ class RayCaster:
         if not self._along_axis:
             return Rays(origins, directions)
         axes = -self._rotations[:, :, 2]
+        if len(axes) == 1:
+            return Rays(origins, directions, axes.expand(len(pixels), 3))
         return Rays(origins, directions, axes.index_select(0, pixels // (self.width * self.height)))
 
     def in_sight(self, occupancy: Occupancy) -> Tensor:

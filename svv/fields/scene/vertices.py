@@ -36,9 +36,12 @@ from svv.kernels.types import ImageKernels, Samples, VertexKernels
 MOST_PLACES = 1 << 23
 """Most vertices of the whole grid, visible or not, of which the numbers take 4 bytes each."""
 
-PAYS = {True: 0.8, False: 0.35}
+PAYS = {True: 1.0, False: 0.35}
 """Vertices per sample up to which they pay in plain images and in others: a look-up of a sample's colour takes a fifth
-of its networks' time, one of all that they say two fifths."""
+of its networks' time, one of all that they say two fifths, and views before have seen most vertices."""
+
+PAYS_MOVING = 1.2
+"""Vertices per sample up to which they pay in plain images while a camera moves: that is where samples take as long."""
 
 Images = tuple[Tensor, Tensor, Tensor]
 
@@ -101,7 +104,8 @@ def look_at_vertices(
     """
     pieces, plain = tuple(samples for samples, _ in found), is_plain(scene, network)
     positions = [samples.position for samples in pieces]
-    around = vertices.touched(positions, _shape(scene), _scale(scene), math.inf if always else PAYS[plain])
+    most = PAYS_MOVING if plain and not scene.still else PAYS[plain]
+    around = vertices.touched(positions, _shape(scene), _scale(scene), math.inf if always else most)
     if around is None or not len(around[1]):
         return SampleLooks(tuple(look_at(images, scene, samples, rays) for samples, rays in found))
     places, position = around
@@ -131,8 +135,8 @@ def _known_look(vertices: VertexKernels, scene: Model, places: Tensor, samples: 
     rows, features, raw = known.rows_of(
         places, samples.position, lambda position: vertices.unlit(position, layout, tables, weights)
     )
-    along = towards.lit_along.contiguous()
-    return Look(samples, raw.index_select(0, rows), vertices.light(features, rows, along, palette.lighting_mlp.weights))
+    light = vertices.light(features, rows, towards.lit_along, palette.lighting_mlp.weights)
+    return Look(samples, raw.index_select(0, rows), light)
 
 
 def draw_from_vertices(
@@ -142,7 +146,10 @@ def draw_from_vertices(
     """Render chunks of rays, of whose samples there is a look, into RGBA (R, 4), depth (R,) and region (R,) of each."""
     beams = partial(Beams.of, scene.lamp, camera, drawn[0][0])
     surface, _ = shade(images, scene, look.look, "pcn", beams)
-    opacity = numbers_on([r.seen_opacity for r in scene.regions], surface.colour.device)[surface.region]
+    opacities = [r.seen_opacity for r in scene.regions]
+    opacity = None
+    if any(factor != 1.0 for factor in opacities):
+        opacity = numbers_on(opacities, surface.colour.device)[surface.region]
     pieces = [(samples, rays.origins, into) for samples, (rays, into) in zip(look.pieces, drawn, strict=True)]
     colours = surface.colour, opacity, surface.region
     grid, size = (_shape(scene), _scale(scene)), scene.occupancy.box.size

@@ -15,6 +15,9 @@ from svv.core.compiled import njit
 TILE_SIDE = 8
 """Pixels along the side of a tile."""
 
+BLOCK = 4
+"""Tiles along the side of a block of them."""
+
 LEAST_ADVANCE = 0.1
 """Fraction of a cell; a beam that cannot advance by this much counts as meeting an occupied cell."""
 
@@ -39,15 +42,51 @@ def _ray(column, row, lens):  # type: ignore[no-untyped-def]
     return 0.0, 0.0, u / norm, v / norm, -1.0 / norm
 
 
+@njit(cache=True)
+def _advance(  # type: ignore[no-untyped-def]
+    rotation, position, lens, top, left, bottom, right, nearest, cells, extent, t, reach
+):
+    """Return how far the beam of some pixels advances from a distance ``t`` on; -1 if it meets no occupied cell.
+
+    A beam is an axis together with all rays of the pixels: at distance t they are within s + t k of the axis, where s
+    is the largest distance between their origins and the axis's (0 unless the camera is orthographic), and k is the
+    largest difference between their unit directions and the axis (0 if it is). Each point of the axis is the centre of
+    a cube without occupied cells, and the beam can advance until its rays might leave that cube (sphere tracing,
+    Hart 1996, in the maximum norm). ``reach``: distance behind which nothing is. Other arguments:
+    :func:`tiles_in_sight`.
+    """
+    side = 1.0 / cells
+    u, v, a, b, c = _ray(0.5 * (left + right), 0.5 * (top + bottom), lens)
+    radius, spread = 0.0, 0.0
+    for corner in range(4):
+        g, h, p, q, r = _ray(right if corner & 1 else left, bottom if corner & 2 else top, lens)
+        radius = max(radius, math.sqrt((g - u) ** 2 + (h - v) ** 2))
+        spread = max(spread, math.sqrt((p - a) ** 2 + (q - b) ** 2 + (r - c) ** 2))
+    end = reach + math.sqrt(u * u + v * v)
+    cell = np.zeros(3, np.int64)
+    while t <= end:
+        away = 0.0
+        for axis in range(3):
+            x = position[axis] + rotation[axis, 0] * u + rotation[axis, 1] * v
+            x += t * (rotation[axis, 0] * a + rotation[axis, 1] * b + rotation[axis, 2] * c)
+            inside = min(max(x, 0.0), extent[axis])
+            away = max(away, abs(x - inside))
+            cell[axis] = min(int(inside * cells), nearest.shape[axis] - 1)
+        # Outside the box, nothing in it is nearer than the box itself.
+        free = max(away, (float(nearest[cell[0], cell[1], cell[2]]) - 1.0) * side)
+        step = free - (radius + t * spread) - POSITION_ERROR
+        if step < LEAST_ADVANCE * side:
+            return t
+        t += step
+    return -1.0
+
+
 @njit(parallel=True, cache=True)
 def tiles_in_sight(rotation, position, lens, width, height, nearest, cells, extent, seen):  # type: ignore[no-untyped-def]
     """Mark the tiles of an image through which an occupied cell may be visible.
 
-    A beam is the axis of a tile together with all rays of the tile: at distance t they are within s + t k of the axis,
-    where s is the largest distance between their origins and the axis's (0 unless the camera is orthographic), and k is
-    the largest difference between their unit directions and the axis (0 if it is). Each point of the axis is the centre
-    of a cube without occupied cells, and the beam can advance until its rays might leave that cube (sphere tracing,
-    Hart 1996, in the maximum norm). Every tile with a pixel centre whose ray meets an occupied cell is marked.
+    Every tile with a pixel centre whose ray meets an occupied cell is marked. The beam of a block of tiles goes first:
+    those of its tiles begin where it could not advance any more.
 
     Args:
         rotation: Camera-to-box rotation, as in :mod:`svv.kernels.numba.rays`. (3, 3)
@@ -60,38 +99,29 @@ def tiles_in_sight(rotation, position, lens, width, height, nearest, cells, exte
         extent: Sides of the box. (3,)
         seen: Result, 1 for marked tiles. (rows of tiles, columns of tiles)
     """
-    side = 1.0 / cells
     reach = 0.0
     for axis in range(3):
         reach += max(abs(position[axis]), abs(extent[axis] - position[axis])) ** 2
     reach = math.sqrt(reach)  # to the farthest corner of the box
-    for tile in prange(seen.size):
-        top, left = tile // seen.shape[1] * TILE_SIDE, tile % seen.shape[1] * TILE_SIDE
-        bottom, right = min(top + TILE_SIDE, height) - 1, min(left + TILE_SIDE, width) - 1
-        u, v, a, b, c = _ray(0.5 * (left + right), 0.5 * (top + bottom), lens)
-        radius, spread = 0.0, 0.0
-        for corner in range(4):
-            g, h, p, q, r = _ray(right if corner & 1 else left, bottom if corner & 2 else top, lens)
-            radius = max(radius, math.sqrt((g - u) ** 2 + (h - v) ** 2))
-            spread = max(spread, math.sqrt((p - a) ** 2 + (q - b) ** 2 + (r - c) ** 2))
-        end = reach + math.sqrt(u * u + v * v)
-        cell = np.zeros(3, np.int64)
-        t = 0.0
-        while t <= end:
-            away = 0.0
-            for axis in range(3):
-                x = position[axis] + rotation[axis, 0] * u + rotation[axis, 1] * v
-                x += t * (rotation[axis, 0] * a + rotation[axis, 1] * b + rotation[axis, 2] * c)
-                inside = min(max(x, 0.0), extent[axis])
-                away = max(away, abs(x - inside))
-                cell[axis] = min(int(inside * cells), nearest.shape[axis] - 1)
-            # Outside the box, nothing in it is nearer than the box itself.
-            free = max(away, (float(nearest[cell[0], cell[1], cell[2]]) - 1.0) * side)
-            step = free - (radius + t * spread) - POSITION_ERROR
-            if step < LEAST_ADVANCE * side:
-                seen[tile // seen.shape[1], tile % seen.shape[1]] = 1
-                break
-            t += step
+    across = -(-seen.shape[1] // BLOCK)
+    for block in prange(-(-seen.shape[0] // BLOCK) * across):
+        row, column = block // across * BLOCK, block % across * BLOCK
+        after_row, after_column = min(row + BLOCK, seen.shape[0]), min(column + BLOCK, seen.shape[1])
+        bottom, right = min(after_row * TILE_SIDE, height) - 1, min(after_column * TILE_SIDE, width) - 1
+        begin = _advance(
+            rotation, position, lens, row * TILE_SIDE, column * TILE_SIDE, bottom, right, nearest, cells, extent, 0.0,
+            reach,
+        )  # fmt: skip
+        if begin < 0.0:
+            continue
+        for j in range(row, after_row):
+            for k in range(column, after_column):
+                bottom, right = min((j + 1) * TILE_SIDE, height) - 1, min((k + 1) * TILE_SIDE, width) - 1
+                advanced = _advance(
+                    rotation, position, lens, j * TILE_SIDE, k * TILE_SIDE, bottom, right, nearest, cells, extent,
+                    begin, reach,
+                )  # fmt: skip
+                seen[j, k] = advanced >= 0.0
 
 
 def nearest_of(distance: Tensor) -> NDArray[np.uint8]:
@@ -105,9 +135,21 @@ def nearest_of(distance: Tensor) -> NDArray[np.uint8]:
     return found
 
 
+@njit(cache=True)
+def _pixels_of(seen, width, height, pixels):  # type: ignore[no-untyped-def]
+    """Write the flat indices of the pixels in marked tiles, and return their number."""
+    n = 0
+    for tile in range(seen.size):
+        top, left = tile // seen.shape[1] * TILE_SIDE, tile % seen.shape[1] * TILE_SIDE
+        if seen[tile // seen.shape[1], tile % seen.shape[1]]:
+            for row in range(top, min(top + TILE_SIDE, height)):
+                for column in range(left, min(left + TILE_SIDE, width)):
+                    pixels[n] = row * width + column
+                    n += 1
+    return n
+
+
 def pixels_of(seen: NDArray[np.uint8], width: int, height: int) -> NDArray[np.int64]:
     """Return the flat indices of the pixels in marked tiles, tile by tile, so that neighbours stay together."""
-    row, column = (TILE_SIDE * place[:, None, None] for place in np.nonzero(seen))
-    rows, columns = np.broadcast_arrays(row + np.arange(TILE_SIDE)[:, None], column + np.arange(TILE_SIDE))
-    within = (rows < height) & (columns < width)
-    return (rows * width + columns)[within]
+    pixels = np.empty(TILE_SIDE * TILE_SIDE * int(np.count_nonzero(seen)), np.int64)
+    return pixels[: _pixels_of(seen, width, height, pixels)]

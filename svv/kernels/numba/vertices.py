@@ -348,7 +348,7 @@ def interpolate(
 
 def composite(
     pieces: Sequence[tuple[Samples, Tensor, tuple[Tensor, Tensor, Tensor]]], places: Tensor,
-    shape: tuple[int, int, int], scale: float, colours: tuple[Tensor, Tensor, Tensor], regions: int, size: float,
+    shape: tuple[int, int, int], scale: float, colours: tuple[Tensor, Tensor | None, Tensor], regions: int, size: float,
 ) -> None:  # fmt: skip
     (colour, opacity, region), whole = colours, math.prod(shape)
     low, high = (float(end) for end in torch.aminmax(colour)) if len(colour) else (0.0, 1.0)
@@ -356,8 +356,8 @@ def composite(
     level = (high - low) / LEVELS
     words, of = np.empty(whole, np.int32), np.empty(whole, np.uint8)
     _pack(colour.numpy(), region.numpy(), places.numpy(), np.float32(low), np.float32(1.0 / level), words, of)
-    opacities = np.empty(0 if bool((opacity == 1.0).all()) else whole, np.float32)
-    if len(opacities):
+    opacities = np.empty(0 if opacity is None else whole, np.float32)
+    if opacity is not None:
         _put(places.numpy(), opacity.numpy(), opacities)
     for samples, origins, images in pieces:
         _composite(

@@ -446,8 +446,8 @@ class VertexKernels(Protocol):
         """Composite rays as :meth:`ImageKernels.composite`: ``pieces`` are samples, origins, and images to draw into.
 
         ``places``: from :meth:`touched`; ``colours``: colour (V, 3), factor on the extinction > 0 (V,), None if it is
-        1 everywhere, and region (V,) of ``regions``. The factor is interpolated, the colour in proportion to it, and a sample's region is that of the
-        nearest vertex.
+        1 everywhere, and region (V,) of ``regions``. The factor is interpolated, the colour in proportion to it, and a
+        sample's region is that of the nearest vertex.
         """
 
 

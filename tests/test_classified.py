@@ -89,6 +89,20 @@ def test_a_uniform_volume_has_the_extinction_of_its_opacity(opacity: float, unit
     )
 
 
+@pytest.mark.parametrize("opaque", [3.0, 300.0, 1e5])
+def test_haze_of_another_colour_is_a_range_of_its_own(opaque: float) -> None:
+    """However opaque a core is, it shows no more than all of what a ray meets."""
+    blue, orange = (0.1, 0.2, 0.9), (1.0, 0.6, 0.1)
+    z, y, x = (np.indices((24, 24, 24)) - 11.5) / 24
+    values = np.clip(2.5 - 5.0 * np.sqrt(x * x + y * y + z * z), 0.0, 1.0)  # 1 in the middle, 0 near the faces
+    extinction = ((0.0, 0.0), (0.1, 0.0), (0.2, 0.5), (0.8, 0.5), (0.81, opaque), (1.0, opaque))  # 1 / box unit
+    opacities = tuple((v, 1.0 - np.exp(-s / 23.0), 0.5, 0.0) for v, s in extinction)
+    tf = TransferFunction(((0.0, *blue), (0.8, *blue), (0.81, *orange), (1.0, *orange)), opacities, 1.0)
+    found = classified(set_stage(from_array(values.astype(np.float32), (1.0,) * 3, (0.0,) * 3), tf)).ranges
+    assert len(found) == 2
+    np.testing.assert_allclose([r.colour for r in found], [blue, orange], atol=0.15)
+
+
 def test_a_range_between_two_voxels_is_seen() -> None:
     """A jump across a narrow visible range leaves a thin shell, whose optical depth is the mean over the values."""
     values = np.zeros((16, 16, 16), np.float32)
@@ -287,6 +301,22 @@ def test_haze_around_something_opaque_stays(cell: float) -> None:
     assert haze.mean() > 0.1
     np.testing.assert_allclose(drawn[haze].mean(), views.images[..., 3][haze].mean(), rtol=0.03)
     assert not any("too faint" in note for note in report["notes"])
+
+
+@pytest.mark.parametrize(("factor", "stays"), [(0.7, True), (0.3, False)])
+def test_haze_just_above_the_limit_stays_when_training_makes_it_fainter(factor: float, stays: bool) -> None:
+    train, field, settings = (
+        hazy(0.075),
+        replace(PRESETS["draft"].field, resolutions=(8, 16, 32)),
+        ReconstructSettings(cells=32),
+    )
+    occupancy, _ = first_occupancy(train, settings, field, silent)
+    work = Reconstruction(train, begin(train, occupancy, field, settings, 0, silent)[0], field, settings)
+    assert work.field.density is not None
+    with torch.no_grad():
+        work.field.density.table += float(np.log(factor))
+    work.prune(grow=False)
+    assert (work.occupancy.fraction > 0.95 * occupancy.fraction) == stays
 
 
 def test_haze_that_is_left_out_is_told() -> None:

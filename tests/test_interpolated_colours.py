@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from svv.core.colour.colour import WHITE, over
-from svv.core.geometry.cameras import Camera
+from svv.core.geometry.cameras import Camera, look_at
 from svv.core.geometry.cuts import Cut
 from svv.errors import BadInput
 from svv.fields.devices.kernel_checks import random_samples
-from svv.fields.scene.images import render_pixels
+from svv.fields.scene.images import MOVING_JOINED, render_pixels, while_moving
 from svv.fields.scene.scene import Rendering, Scene
 from svv.fields.scene.vertices import is_plain
 from svv.io.views.viewset import ViewSet
@@ -224,6 +224,32 @@ def test_a_kept_view_does_not_stay_plain_when_an_edit_has_edges() -> None:
         scene.render(camera)
     clay = scene.edited(0, matcap="clay")
     np.testing.assert_array_equal(clay.render(camera).rgba, anew(clay).render(camera).rgba)
+
+
+def test_a_still_image_is_not_that_of_a_moving_scene() -> None:
+    """While it moves, vertices pay that do not in a still image; everything else of both may be equal."""
+    scene, camera = replace(frozen(smooth_cube(1)), joined=MOVING_JOINED), cube_camera(200)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("svv.fields.scene.vertices.PAYS", dict.fromkeys((True, False), 0.0))
+        patch.setattr("svv.fields.scene.vertices.PAYS_MOVING", np.inf)
+        first, moving = scene.render(camera), while_moving(scene).render(camera)
+        assert (first.rgba != moving.rgba).any()
+        for _ in range(3):
+            while_moving(scene).render(camera)
+        np.testing.assert_array_equal(scene.render(camera).rgba, first.rgba)
+
+
+@pytest.mark.parametrize("away", [0.0, 0.3, 0.5])
+def test_light_from_a_camera_in_the_scene_is_that_of_every_sample(away: float) -> None:
+    """Beside a light at the camera, its direction turns within a cell, and behind the camera it is opposite."""
+    scene = smooth_cube(1)
+    scene = replace(scene, settings=replace(scene.settings, headlight="point"))
+    middle, size = scene.occupancy.box.bounds.mean(axis=0), scene.occupancy.box.size
+    eye = middle + away * size * np.array([1.0, 0.1, 0.2])
+    camera = Camera(look_at(eye, middle + size * np.array([0.1, 1.0, 0.3]), (0.0, 0.0, 1.0)), 1.5, 200, 200)
+    exact = replace(scene, vertices_a_cell=0).render(camera)
+    assert np.isfinite(exact.depth).any()
+    np.testing.assert_array_equal(scene.render(camera).rgba, exact.rgba)
 
 
 def frozen(scene: Scene) -> Scene:

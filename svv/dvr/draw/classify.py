@@ -34,6 +34,10 @@ MOST_CELLS = 256
 CELLS_A_VOXEL = 2
 """Minimum number of cells per voxel, within ``MOST_CELLS``: transfer functions can vary much between two voxels."""
 
+THICKNESS = 0.25
+"""Thickness in box units of matter whose alpha weighs its colour where ranges are split. By extinction, opaque matter
+would outweigh haze that fills most of a picture, and the haze would get its colour."""
+
 BESIDE = 0.1
 """Width of the known values on both sides of the visible ones, as a fraction of the width of these."""
 
@@ -155,8 +159,9 @@ def classified_grid(
     known, sigma = function
     colour = stage.tf.colour_at(known)
     # Interpolation produces all values between those of voxels, so no visible one has a weight of 0.
-    weight = (counts + 1e-6) * np.maximum(sigma, 1e-9 * sigma.max()) * (sigma > 0)
-    starts = _ranges(known, sigma, colour, weight)
+    counts = (counts + 1e-6) * (sigma > 0)
+    weight = counts * np.maximum(sigma, 1e-9 * sigma.max())
+    starts = _ranges(known, sigma, colour, counts * np.maximum(-np.expm1(-THICKNESS * sigma), 1e-9))
     ranges = []
     decimals = _decimals(known / stage.gain)
     for a, b in pairwise([*starts, len(known)]):

@@ -185,8 +185,8 @@ def _draw(
     together = Together(scene, camera, network) if scene.layers else None
     caster = scene.caster([camera])
     alone = together is None and network != "base" and image_kernels_of(scene) is not None
-    vertices = vertex_kernels_of(scene, network) if alone else None
-    drawn_from = None if vertices is None else (scene.vertices_a_cell, is_plain(scene, network))
+    vertices = vertex_kernels_of(scene, network, camera) if alone else None
+    drawn_from = None if vertices is None else (scene.vertices_a_cell, is_plain(scene, network), scene.still)
     view = View(key_of(scene, camera, marching_as_edited(scene, network), drawn_from) if alone else None)
     pixels, chunk = camera.width * camera.height, kernels_of(scene.device.type).RAYS
     if among is not None:
@@ -231,7 +231,7 @@ def _render_from_vertices(
 
     ``known`` returns what was kept of that, or makes it; ``always``: even if vertices take longer than samples.
     """
-    kernels, vertices, chunk = image_kernels_of(scene), vertex_kernels_of(scene, network), len(rays[0])
+    kernels, vertices, chunk = image_kernels_of(scene), vertex_kernels_of(scene, network, camera), len(rays[0])
     assert kernels is not None and vertices is not None
 
     def look() -> VertexLook | SampleLooks:

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -42,6 +43,9 @@ of its networks' time, one of all that they say two fifths, and views before hav
 
 PAYS_MOVING = 1.2
 """Vertices per sample up to which they pay in plain images while a camera moves: that is where samples take as long."""
+
+NEAR = 8.0
+"""Cells between the box and a light at the camera below which directions of light are those of samples."""
 
 Images = tuple[Tensor, Tensor, Tensor]
 
@@ -76,11 +80,13 @@ class SampleLooks:
         return sum(look.bytes for look in self.each if look is not None)
 
 
-def vertex_kernels_of(scene: Model, network: str) -> VertexKernels | None:
+def vertex_kernels_of(scene: Model, network: str, camera: Camera) -> VertexKernels | None:
     """Return the kernels that draw the scene from what networks say of vertices; None if it is drawn from samples."""
     if scene.vertices_a_cell == 0 or network == "base" or image_kernels_of(scene) is None:
         return None
     assert isinstance(scene.base.encoding, SparseLattice)
+    if scene.settings.headlight == "point" and not camera.is_orthographic and _is_near(scene, camera):
+        return None
     return None if math.prod(_shape(scene)) > MOST_PLACES else kernels_for(scene.base.encoding.table).VERTICES
 
 
@@ -170,6 +176,13 @@ def _towards(scene: Model, camera: Camera, position: Tensor, rays: Rays) -> Rays
     else:
         along = torch.nn.functional.normalize(position - rays.origins[:1], dim=1)
     return Rays(position, along, along)
+
+
+def _is_near(scene: Model, camera: Camera) -> bool:
+    """Return whether the direction of a light at the camera turns too much within a cell beside it."""
+    box = scene.occupancy.box
+    eye = box.to_box(camera.position)
+    return float(np.linalg.norm(eye - np.clip(eye, 0.0, box.extent))) * _scale(scene) < NEAR
 
 
 def _scale(scene: Model) -> float:

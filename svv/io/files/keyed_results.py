@@ -21,7 +21,7 @@ from svv.core.json_values import parsed
 from svv.errors import BadInput
 from svv.io.files.atomic import make_folder, to_json, write_json
 
-GENERATION = 23
+GENERATION = 24
 """Incremented when the same input and settings give another result although the version has not changed."""
 
 DIGITS = 20

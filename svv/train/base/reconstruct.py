@@ -60,6 +60,9 @@ OPAQUE_DENSITY_RATE = 0.15
 ALPHA_WEIGHT = 1.0
 """Weight of the squared error of alpha, relative to that of colour."""
 
+KEPT = 0.5
+"""Part of the extinction below which cells of a known volume are empty at first that they may fall to by training."""
+
 INITIAL_EXPONENT = 2.0
 """Initial log-extinction: a fog in which every sample is visible."""
 
@@ -259,7 +262,7 @@ class Reconstruction:
         """Remove the cells in which nothing is visible any more."""
         exponent = partial(log_extinction, self.field)
         largest = largest_extinction(exponent, self.occupancy, self.device, shared=True, lattice=self.field.density)
-        least = FAINTEST if self.told else pruned_extinction(self.prune_least, self.marching.step)
+        least = KEPT * FAINTEST if self.told else pruned_extinction(self.prune_least, self.marching.step)
         left = prune_unseen(self.views, self.occupancy, largest, least_extinction(least, float(largest.max())), grow)
         if left.occupied.any():
             self.occupancy.forget_distances()

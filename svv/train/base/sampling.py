@@ -108,8 +108,10 @@ def with_vertices(scene: Scene, views: ViewSet) -> Scene:
         drawn = [render_pixels(scene, views.cameras[k], torch.from_numpy(pixels), "pcn") for k in chosen]
         return float(np.square(over(np.stack(drawn), WHITE) - on_white(seen)).mean())
 
-    drawn_from = [replace(scene, vertices_a_cell=tried) for tried in TRIED]
-    drawn_from = [found for found in drawn_from if vertex_kernels_of(found, "pcn") is not None]
+    def is_drawn(scene: Scene) -> bool:
+        return any(vertex_kernels_of(scene, "pcn", views.cameras[k]) is not None for k in chosen)
+
+    drawn_from = [found for tried in TRIED if is_drawn(found := replace(scene, vertices_a_cell=tried))]
     if not drawn_from:
         return scene
     cells = scene.settings.resolutions[-1] * pixel_in(views.cameras, scene.occupancy.box)

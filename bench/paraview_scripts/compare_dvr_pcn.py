@@ -302,6 +302,7 @@ def pcn(chosen) -> None:
     from svv.core.colour.colour import over
     from svv.core.images.metrics import WHITE, Likeness
     from svv.fields.scene.scene import Scene
+    from svv.fields.scene.view_cache import disable_view_cache
     from svv.measure import measured
     from svv.train.lpips import load_lpips, lpips
 
@@ -311,10 +312,11 @@ def pcn(chosen) -> None:
     with measured() as ready:
         scene = Scene.load(file)
         scene.render(cameras[64][0], "pcn")
-    drawn = {
-        size: timed(lambda camera: scene.render(camera, "pcn").rgba, cameras[size], chosen.repeats, held)
-        for size in chosen.images
-    }
+    with disable_view_cache():  # the others do not keep anything of a view that they have drawn either
+        drawn = {
+            size: timed(lambda camera: scene.render(camera, "pcn").rgba, cameras[size], chosen.repeats, held)
+            for size in chosen.images
+        }
     rows, network = [], load_lpips()  # only now, so that it is no memory of the scene's
     for size, (shown, row) in drawn.items():
         truth = np.load(chosen.out / f"truth-{size}.npz")["images"]

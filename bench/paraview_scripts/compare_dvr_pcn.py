@@ -363,11 +363,12 @@ def timed(render, cameras, repeats: int, held: int) -> tuple[list, dict]:
     from svv.measure import measured
 
     render(cameras[0])  # warm-up
-    seconds = []
+    seconds, images = [], []
     with measured() as cost:
         for _ in range(repeats):
+            images.clear()  # before there are others
             start = time.perf_counter()
-            images = [render(camera) for camera in cameras]
+            images += [render(camera) for camera in cameras]
             seconds.append((time.perf_counter() - start) / len(cameras))
     return images, {
         "seconds_median": statistics.median(seconds), "seconds_least": min(seconds), "seconds_most": max(seconds),

@@ -314,7 +314,7 @@ def test_haze_just_above_the_limit_stays_when_training_makes_it_fainter(factor: 
     work = Reconstruction(train, begin(train, occupancy, field, settings, 0, silent)[0], field, settings)
     assert work.field.density is not None
     with torch.no_grad():
-        work.field.density.table += float(np.log(factor))
+        work.field.density.table.add_(float(np.log(factor)))
     work.prune(grow=False)
     assert (work.occupancy.fraction > 0.95 * occupancy.fraction) == stays
 

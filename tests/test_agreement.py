@@ -141,6 +141,20 @@ def test_right_cameras_are_never_refused(case: str) -> None:
         assert found.doubt is None and found.found is not None and found.found.startswith("The silhouettes agree")
 
 
+def test_specks_of_a_noisy_volume_do_not_contradict_cameras_that_drew_it() -> None:
+    """Of other pictures, as many specks would be doubtful."""
+    z, y, x = (np.indices((64, 64, 64)) + 0.5) / 64 - 0.5
+    noise = 0.25 * np.random.default_rng(0).standard_normal((64, 64, 64))
+    values = np.clip(np.where(np.sqrt(x * x + y * y + z * z) < 0.45, 0.8, 0.0) + noise, 0.0, 1.0)
+    opacities = tuple((v, 1.0 - np.exp(-s), 0.5, 0.0) for v, s in ((0.5, 0.0), (0.6, 0.3), (0.8, 1.0), (1.0, 3.0)))
+    colours = ((0.5, 0.1, 0.2, 0.9), (0.8, 1.0, 0.6, 0.1), (1.0, 0.1, 0.7, 0.2))
+    volume = from_array(values.astype(np.float32), (1.0,) * 3, (0.0,) * 3)
+    views, _ = make_views(volume, TransferFunction(colours, opacities, 1.0), n=40, size=160, rescale=False)
+    doubts = [check_agreement(views.cameras, views.images, views.names, drawn=d).doubt for d in (False, True)]
+    assert doubts[0] is not None and "may contradict" in doubts[0]
+    assert doubts[1] is None
+
+
 @pytest.mark.parametrize("size", [0.02, 0.05])
 def test_a_few_points_are_enough_to_agree(size: float) -> None:
     points = np.random.default_rng(1).normal(size=(3, 3)) * 0.6

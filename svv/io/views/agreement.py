@@ -227,7 +227,8 @@ def _check(
             f"{which} show what their cameras look away from: transform_matrix must be camera-to-world with x right, y "
             "up and -z forward; if the axes are those of OpenCV, multiply the second and third columns by -1."
         )
-    return _without_cause(outlines, found, mixed, tells, which)
+    agreed, doubt = _without_cause(outlines, found, mixed, tells, which)
+    return agreed, None if drawn else doubt  # what is drawn and has no cause are specks of a noisy volume
 
 
 def _without_cause(

@@ -103,6 +103,17 @@ def test_haze_of_another_colour_is_a_range_of_its_own(opaque: float) -> None:
     np.testing.assert_allclose([r.colour for r in found], [blue, orange], atol=0.15)
 
 
+def test_little_that_is_opaque_is_a_range_beside_much_haze() -> None:
+    """A ramp of opacities, as ParaView's default: a bone in a body that fills the volume."""
+    z, y, x = (np.indices((32, 32, 32)) - 15.5) / 32
+    values = 0.1 + 0.1 * x + 0.8 * (np.sqrt(x * x + y * y + z * z) < 0.1)
+    tf = TransferFunction(
+        ((0.0, 0.1, 0.2, 0.9), (1.0, 0.9, 0.2, 0.1)), ((0.0, 0.0, 0.5, 0.0), (1.0, 1.0, 0.5, 0.0)), 1.0
+    )
+    found = classified(set_stage(from_array(values.astype(np.float32), (1.0,) * 3, (0.0,) * 3), tf)).ranges
+    assert len(found) >= 2 and found[-1].low > 0.3
+
+
 def test_a_range_between_two_voxels_is_seen() -> None:
     """A jump across a narrow visible range leaves a thin shell, whose optical depth is the mean over the values."""
     values = np.zeros((16, 16, 16), np.float32)

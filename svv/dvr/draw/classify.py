@@ -35,8 +35,8 @@ CELLS_A_VOXEL = 2
 """Minimum number of cells per voxel, within ``MOST_CELLS``: transfer functions can vary much between two voxels."""
 
 THICKNESS = 0.25
-"""Thickness in box units of matter whose alpha weighs its colour where ranges are split. By extinction, opaque matter
-would outweigh haze that fills most of a picture, and the haze would get its colour."""
+"""Thickness in box units of matter whose alpha weighs its colour when ranges are split a second time. By extinction,
+opaque matter outweighs haze that fills most of a picture and would get its colour; by alpha, haze outweighs bones."""
 
 BESIDE = 0.1
 """Width of the known values on both sides of the visible ones, as a fraction of the width of these."""
@@ -161,7 +161,7 @@ def classified_grid(
     # Interpolation produces all values between those of voxels, so no visible one has a weight of 0.
     counts = (counts + 1e-6) * (sigma > 0)
     weight = counts * np.maximum(sigma, 1e-9 * sigma.max())
-    starts = _ranges(known, sigma, colour, counts * np.maximum(-np.expm1(-THICKNESS * sigma), 1e-9))
+    starts = _ranges(known, sigma, colour, (weight, counts * np.maximum(-np.expm1(-THICKNESS * sigma), 1e-9)))
     ranges = []
     decimals = _decimals(known / stage.gain)
     for a, b in pairwise([*starts, len(known)]):
@@ -246,33 +246,37 @@ def _extinction_of(tf: TransferFunction, stage: Stage, box: Box, low: float, hig
     return known, sigma * stage.scale * box.size
 
 
-def _ranges(known: Array, sigma: Array, colour: Array, weight: Array) -> list[int]:
+def _ranges(known: Array, sigma: Array, colour: Array, weights: tuple[Array, Array]) -> list[int]:
     """Return the index among the known values at which each range begins; together the ranges contain all values.
 
     A range is an interval in which something is visible. A range whose colours differ too much is split so that its
     parts are as uniform as possible, and while there are too many ranges, the two most similar neighbours are joined.
-    Both criteria are the variance of the colours (K, 3) within the ranges (Ward 1963), weighted by ``weight`` (K,).
+    Both criteria are the variance of the colours (K, 3) within the ranges (Ward 1963), by the first of the ``weights``
+    (K,), by which colours are averaged; then ranges are split by the other one.
     """
     seen = np.flatnonzero(sigma > 0)
     parts = np.split(seen, 1 + np.flatnonzero(np.diff(seen) > 1))
 
-    def scatter(part: NDArray[np.intp]) -> float:
+    def scatter(part: NDArray[np.intp], weight: Array) -> float:
         """Return the sum of the weighted squared distances to the mean colour."""
         w, c = weight[part], colour[part]
         return float(w @ np.square(c - np.average(c, axis=0, weights=w)).sum(axis=1))
 
-    while len(parts) < limits.MOST_RANGES:
-        spread = [scatter(part) / weight[part].sum() for part in parts]
-        widest = int(np.argmax(spread))
-        if spread[widest] <= limits.COLOUR_SPREAD**2:
-            break
-        w, c = weight[parts[widest]], colour[parts[widest]]
-        before, behind = np.cumsum(w)[:-1], np.cumsum(w[::-1])[-2::-1]
-        moment = np.cumsum(w[:, None] * (c - np.average(c, axis=0, weights=w)), axis=0)[:-1]
-        less = np.square(moment).sum(axis=1) * (1.0 / before + 1.0 / behind)
-        parts[widest : widest + 1] = np.split(parts[widest], [1 + int(np.argmax(less))])
+    for weight in weights:
+        while len(parts) < limits.MOST_RANGES:
+            spread = [scatter(part, weight) / weight[part].sum() for part in parts]
+            widest = int(np.argmax(spread))
+            if spread[widest] <= limits.COLOUR_SPREAD**2:
+                break
+            w, c = weight[parts[widest]], colour[parts[widest]]
+            before, behind = np.cumsum(w)[:-1], np.cumsum(w[::-1])[-2::-1]
+            moment = np.cumsum(w[:, None] * (c - np.average(c, axis=0, weights=w)), axis=0)[:-1]
+            less = np.square(moment).sum(axis=1) * (1.0 / before + 1.0 / behind)
+            parts[widest : widest + 1] = np.split(parts[widest], [1 + int(np.argmax(less))])
     while len(parts) > limits.MOST_RANGES:
-        more = [scatter(np.concatenate(both)) - scatter(both[0]) - scatter(both[1]) for both in pairwise(parts)]
+        joined = [scatter(np.concatenate(both), weights[0]) for both in pairwise(parts)]
+        apart = [scatter(part, weights[0]) for part in parts]
+        more = [whole - a - b for whole, (a, b) in zip(joined, pairwise(apart))]
         join = int(np.argmin(more))
         parts[join : join + 2] = [np.concatenate(parts[join : join + 2])]
     # Values between two ranges belong to the nearer one.

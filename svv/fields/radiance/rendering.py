@@ -70,7 +70,7 @@ class RayCaster:
         if not self._along_axis:
             return Rays(origins, directions)
         axes = -self._rotations[:, :, 2]
-        if len(axes) == 1:
+        if len(axes) == 1 and self.device.type == "cpu":  # a GPU's kernels read a row of memory for each ray
             return Rays(origins, directions, axes.expand(len(pixels), 3))
         return Rays(origins, directions, axes.index_select(0, pixels // (self.width * self.height)))
 
